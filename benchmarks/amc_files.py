@@ -1,13 +1,11 @@
 """Acclaim skeletons (ASF) and motions (AMC), written: what `asf_amc` reads."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.files import whole_file
+from crar_drake.files import whole_file, write_whole
 from crar_drake.motion.formats.asf_amc import ROOT_ORDER, Clip, Skeleton
 
 
@@ -54,8 +52,7 @@ def write_asf(path: str | os.PathLike[str], skeleton: Skeleton) -> None:
         if parent in children:
             lines.append(f"    {parent} {' '.join(children[parent])}")
     lines.append("  end")
-    with whole_file(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_whole(path, "\n".join(lines) + "\n")
 
 
 def write_amc(path: str | os.PathLike[str], clip: Clip) -> None:

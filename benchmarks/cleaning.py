@@ -4,8 +4,6 @@ python -m benchmarks.cleaning g1_whole_body dance.csv walk.csv ...
     [--page docs/measurements/cleaning.md]
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path

@@ -8,8 +8,6 @@ motion by the exact model; at every N-th control step the same step is taken onc
 from a state that differs by 1e-9 in a random direction, everything else equal.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

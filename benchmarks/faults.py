@@ -8,8 +8,6 @@ The latter is of the filter of joint commands, and a robot that follows them wit
 error: `benchmarks.filter_faults`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 

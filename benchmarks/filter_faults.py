@@ -6,8 +6,6 @@ the law without constraints, which goes through the robot. Like `serve`, the loo
 compares the measured state with the command before, and brakes beyond E.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

@@ -12,8 +12,6 @@ the robot, none so near that a command is changed; and one to three people whom 
 robot has to slow down for.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Sequence

@@ -5,8 +5,6 @@
 prints a table: medians and 95 % quantiles of distances and of the angles between bones.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

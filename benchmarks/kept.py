@@ -5,8 +5,6 @@ version, is known by its keys, so that seeds that were run one after the other, 
 other days, add up to one table.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Sequence
@@ -16,7 +14,7 @@ from typing import Any
 
 from benchmarks.page import ROOT, version_line
 from crar_drake.errors import CrarError
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 
 
 def add_seeds(parser: argparse.ArgumentParser, name: str) -> None:
@@ -63,11 +61,10 @@ class Kept:
         self.results |= results
         if self._version not in self._versions:
             self._versions.append(self._version)
-        with whole_file(self._path) as temporary:
-            temporary.write_text(
-                json.dumps({"versions": self._versions, "results": self.results}),
-                encoding="utf-8",
-            )
+        write_whole(
+            self._path,
+            json.dumps({"versions": self._versions, "results": self.results}),
+        )
 
     @property
     def versions(self) -> list[str]:

@@ -15,8 +15,6 @@ starts: the reference, the frame that `clean` made, and what was found for the f
 before. That bounds the least change from above, and is no proof of how small it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

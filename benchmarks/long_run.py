@@ -7,8 +7,6 @@ The motion is played there and back until the time is over; each length runs in 
 process of its own, with log, plot and recording.
 """
 
-from __future__ import annotations
-
 import resource
 import sys
 import tempfile

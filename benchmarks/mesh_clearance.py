@@ -6,8 +6,6 @@ On one core, without reading robot and files. A pair touches on a way, too, if i
 at one of its ends.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from pathlib import Path

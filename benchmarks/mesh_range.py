@@ -8,8 +8,6 @@ at rest. Where links meet that are built so near each other that nobody watches 
 it is for the motion to stay away from there.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 

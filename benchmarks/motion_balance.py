@@ -4,8 +4,6 @@ python -m benchmarks.motion_balance g1_whole_body dance.csv cmu:05_02 ...
     [--page docs/measurements/motion-balance.md]
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path

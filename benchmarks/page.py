@@ -14,8 +14,6 @@ measured there and renders the page. Without running anything,
 renders pages (by default all of docs/measurements) from the results that are there.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os
@@ -32,7 +30,7 @@ from benchmarks.machine import describe_machine
 from benchmarks.tables import markdown_table
 from crar_drake import __version__
 from crar_drake.errors import CrarError
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]  # of the checkout
 PAGES = ROOT / "docs" / "measurements"
@@ -231,13 +229,11 @@ def write_part(page: Path, name: str, part: Part) -> None:
     parts = read_parts(page) | {name: part}
     text = _filled(_read(page), {name: part})
     results_of(page).parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(results_of(page)) as temporary:
-        temporary.write_text(
-            _one_line_a_row({name: asdict(part) for name, part in parts.items()}),
-            encoding="utf-8",
-        )
-    with whole_file(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_whole(
+        results_of(page),
+        _one_line_a_row({name: asdict(part) for name, part in parts.items()}),
+    )
+    write_whole(page, text)
 
 
 def check_part(page: Path, name: str) -> None:
@@ -281,8 +277,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("pages", nargs="*", type=Path, help="(default: all)")
     for page in parser.parse_args(argv).pages or sorted(PAGES.glob("*.md")):
         text = render(page)
-        with whole_file(page) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_whole(page, text)
 
 
 def _read(page: Path) -> str:

@@ -7,8 +7,6 @@ Each line changes one thing of the defaults, or of the law without a preview. At
 control period of 5 ms, where the differences show sooner than at 1 ms.
 """
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Sequence
 from dataclasses import replace

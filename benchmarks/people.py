@@ -14,8 +14,6 @@ distances and speeds of their own (`judging.obstacle_judge`): nothing of the fil
 takes part.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

@@ -3,8 +3,6 @@
 So both can be timed by turns: a machine that is slower for a while is so for both.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Iterator

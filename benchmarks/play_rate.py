@@ -8,8 +8,6 @@ the 99th percentile and the longest of the steps. Processor time, so that what e
 computer does counts less.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 

@@ -8,8 +8,6 @@ The shipped upper body does exactly as it is commanded, every 5 ms, with its eff
 limits; hands cross (`peers.motions.random_crossings`) with at most 150 Nm a joint.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Sequence

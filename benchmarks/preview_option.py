@@ -1,7 +1,5 @@
 """The option --preview, of benchmarks that run the lookahead as it comes."""
 
-from __future__ import annotations
-
 import argparse
 
 from crar_drake.commands.options import positive

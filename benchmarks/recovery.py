@@ -3,8 +3,6 @@
 python -m benchmarks.recovery [--preview S] [--page docs/measurements/recovery.md]
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,8 +16,7 @@ from benchmarks.preview_option import (
     defaults_or_preview,
     lookahead_defaults,
 )
-from crar_drake.errors import CrarError
-from crar_drake.nearest import nearest
+from crar_drake.errors import CrarError, nearest
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import controlled_joints
 from crar_drake.robot.description import LIMIT_TOLERANCE

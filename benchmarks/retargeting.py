@@ -4,8 +4,6 @@ python -m benchmarks.retargeting g1_whole_body dance cmu:05_02 some.bvh ...
     [--page docs/measurements/retargeting.md]
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path

@@ -10,8 +10,6 @@ afterwards by `judging.obstacle_judge`, at two instants of each period, and the
 commanded postures by the referee.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

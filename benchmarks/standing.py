@@ -13,8 +13,6 @@ that sways and squats, in out/standing-pelvis, so that a benchmark that was stop
 on.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from dataclasses import replace

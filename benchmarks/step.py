@@ -7,8 +7,6 @@ is timed in one process and one thread, by turns, so that figures of one run can
 compared.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os
@@ -55,9 +53,8 @@ from crar_drake import __version__
 from crar_drake.commands.options import positive
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.compilation import IS_COMPILED, arithmetic
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, nearest
 from crar_drake.files import check_file, check_folder
-from crar_drake.nearest import nearest
 from crar_drake.results import RECORDING
 from crar_drake.results.playback import record_log
 from crar_drake.robot.model import ControlModel
@@ -173,10 +170,9 @@ def run_bench(
 
 def write_json(result: dict, path: str | os.PathLike[str]) -> None:
     """Writes the result of `run_bench`, whole or not at all."""
-    from crar_drake.files import whole_file
+    from crar_drake.files import write_whole
 
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(result, indent=2) + "\n")
+    write_whole(path, json.dumps(result, indent=2) + "\n")
 
 
 # --- one control step -------------------------------------------------------------

@@ -3,8 +3,6 @@
 `python -m benchmarks.step_compiling [MODE]` prints what this one process took, as JSON.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Tables, a page and a plot of what `benchmarks.step` measured."""
 
-from __future__ import annotations
-
 import os
 
 from matplotlib.figure import Figure

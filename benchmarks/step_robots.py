@@ -4,8 +4,6 @@ Arms of up to seven small links stand around a base, among small spheres: some
 within the arms' reach, some metres away. Every number comes from a fixed seed.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph

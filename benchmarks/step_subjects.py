@@ -1,7 +1,5 @@
 """One control step, the bound that it is compared with, and its parts, to be timed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass

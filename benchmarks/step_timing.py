@@ -1,7 +1,5 @@
 """Timing of short calls, side by side, and of the parts that they consist of."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

@@ -1,11 +1,9 @@
 """Markdown tables, as the documentation shows them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -18,5 +16,4 @@ def write_report(text: str, path: str | os.PathLike[str] | None) -> None:
     """Prints a report, and writes it to `path` if there is one."""
     print(text)
     if path is not None:
-        with whole_file(path) as temporary:
-            temporary.write_text(text)
+        write_whole(path, text)

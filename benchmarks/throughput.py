@@ -8,8 +8,6 @@ is compiled is compiled before. A second of a core is one of processor time, of 
 others on the machine take none.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import sys

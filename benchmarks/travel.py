@@ -7,8 +7,6 @@ with white noise of 10 mm on every point, and prints how far the pelvis is off a
 as a share of its way.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -9,8 +9,6 @@ three. Both run this checkout; a round is `benchmarks.step --only step` in the o
 then in the other.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

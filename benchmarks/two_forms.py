@@ -8,8 +8,6 @@ points of the upper body on their way into the trunk, and how much longer it is 
 of the functions runs its loops instead. A few minutes; ratios of medians.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

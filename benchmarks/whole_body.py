@@ -13,8 +13,6 @@ recording that has its log is judged, not run again, so that a stopped benchmark
 continued, and several can share a folder.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

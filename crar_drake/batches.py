@@ -1,7 +1,5 @@
 """Many things worked on in an executor, several at a time."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait

@@ -5,8 +5,6 @@ inertia that cannot be takes eight lines each time. Its messages come as records
 Python's logger "drake".
 """
 
-from __future__ import annotations
-
 import logging
 import re
 import sys

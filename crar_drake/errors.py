@@ -3,9 +3,10 @@
 The command line prints them without a traceback and exits with code 2.
 """
 
-from __future__ import annotations
-
+import difflib
+import math
 import os
+from collections.abc import Iterable, Sequence
 
 
 class CrarError(ValueError):
@@ -32,11 +33,6 @@ class WriteError(CrarError):
     """
 
     def __init__(self, path: str | os.PathLike[str], why: str | OSError) -> None:
-        """
-        Args:
-            path: which.
-            why: the reason, or the system's error.
-        """
         if isinstance(why, OSError):
             why = f"could not be written: {why.strerror or why}"
         super().__init__(f"{path}: {why}")
@@ -48,8 +44,30 @@ class WriteError(CrarError):
         return WriteError, (self.path, self._why)
 
 
+def check_vector(
+    where: str, value: Sequence[float], error: type[CrarError] = ScenarioError
+) -> None:
+    """Raises the error, which begins with `where`, unless there are three numbers."""
+    if len(value) != 3 or not all(map(math.isfinite, value)):
+        raise error(f"{where}: {value} must be three finite numbers")
+
+
 def printable(text: str) -> str:
     """The text without what a terminal obeys: names come from files of others."""
     return "".join(
         c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in text
     )
+
+
+# More names than these are more than anybody reads.
+_MOST_NAMES = 40
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The end of an error message: "; did you mean x?" or the names there are."""
+    known = sorted(set(known))
+    close = difflib.get_close_matches(name, known, n=1)
+    if close:
+        return f"; did you mean {close[0]!r}?"
+    more = f" and {len(known) - _MOST_NAMES} more" if len(known) > _MOST_NAMES else ""
+    return f"; known are {', '.join(known[:_MOST_NAMES])}{more}" if known else ""

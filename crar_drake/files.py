@@ -1,7 +1,5 @@
 """Files appear whole or not at all, and who may write them is known beforehand."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os
@@ -49,6 +47,16 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
+
+
+def write_whole(path: str | os.PathLike[str], text: str) -> None:
+    """Writes a file of text in UTF-8, as of `whole_file`.
+
+    Raises:
+        WriteError: the system refuses to write it.
+    """
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 @contextmanager

@@ -1,7 +1,5 @@
 """An executor that runs every call in a process of its own."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import threading

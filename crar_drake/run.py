@@ -1,7 +1,5 @@
 """Runs a scenario: simulates, keeps the log, and writes what is to be seen of it."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal
@@ -19,7 +17,7 @@ from pydrake.systems.primitives import VectorLogSink
 
 from crar_drake.equations.compilation import when_compiling
 from crar_drake.errors import CrarError, ScenarioError, WriteError
-from crar_drake.files import check_file, turn_to_write, whole_file
+from crar_drake.files import check_file, turn_to_write, whole_file, write_whole
 from crar_drake.motion.report import inspect
 from crar_drake.resources import install_command
 from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
@@ -30,7 +28,7 @@ from crar_drake.results.obstacles import judge_obstacles
 from crar_drake.results.standing_run import as_measured, judged_speed_limits, stance
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
-from crar_drake.robot.joint_units import joint_units
+from crar_drake.robot.joints import joint_units
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import ScaleMasses
@@ -491,8 +489,7 @@ def write_run(
     log, summary = result.log, result.summary
 
     def write_summary(path: Path) -> None:
-        with whole_file(path) as temporary:
-            temporary.write_text(summary.to_json())
+        write_whole(path, summary.to_json())
 
     def write_recording(path: Path) -> None:
         from crar_drake.results.playback import record_log

@@ -4,8 +4,6 @@ Drake's `yaml_load_typed` makes the objects. What it says of a mistake names nei
 the line nor the way to the key, so a file is compared with its schema first.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import types
@@ -19,8 +17,7 @@ import numpy as np
 import yaml
 from pydrake.common.yaml import yaml_dump, yaml_load_data, yaml_load_typed
 
-from crar_drake.errors import CrarError
-from crar_drake.nearest import nearest
+from crar_drake.errors import CrarError, nearest
 
 T = TypeVar("T")
 
@@ -32,10 +29,6 @@ _BYTE_ORDER_MARKS = {b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16"}
 
 def read_text(path: str | os.PathLike[str], error: type[CrarError]) -> str:
     """Reads a whole text file in UTF-8, with or without a byte order mark.
-
-    Args:
-        path: of the file.
-        error: what to raise.
 
     Raises:
         error: the file cannot be read, or is not UTF-8; the message names the file,

@@ -18,7 +18,7 @@ from urdf_text import (
     urdf,
 )
 
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 
 # Heights of the joints above the link before [m].
 BASE = 0.16
@@ -216,6 +216,5 @@ if __name__ == "__main__":
         ("obstacle_arm.urdf", obstacle_arm_urdf()),
         ("obstacle.urdf", obstacle_urdf()),
     ):
-        with whole_file(folder / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_whole(folder / name, text)
         print(f"wrote models/obstacle_arm/{name}")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 
 WIDTH, DEPTH, HEIGHT = 0.70, 0.30, 0.80  # of the shelf, inside [m]
 BOARD = 0.02  # thickness [m]
@@ -61,6 +61,5 @@ def shelf_obj() -> str:
 
 if __name__ == "__main__":
     path = Path(__file__).parent / "shelf_arm" / "shelf.obj"
-    with whole_file(path) as temporary:
-        temporary.write_text(shelf_obj(), encoding="utf-8")
+    write_whole(path, shelf_obj())
     print(f"wrote {path.relative_to(Path(__file__).parent.parent)}")

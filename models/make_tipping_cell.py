@@ -8,7 +8,7 @@ from pathlib import Path
 
 from urdf_text import Joint, Link, capsule, urdf
 
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 
 HALF = 0.13  # of a foot beside the middle, along x and along y [m]
 PAD = 0.02  # half the width of a foot, and the radius of foot and bar [m]
@@ -46,6 +46,5 @@ def frame_urdf() -> str:
 
 if __name__ == "__main__":
     path = Path(__file__).parent / "tipping_cell" / "frame.urdf"
-    with whole_file(path) as temporary:
-        temporary.write_text(frame_urdf(), encoding="utf-8")
+    write_whole(path, frame_urdf())
     print(f"wrote {path.relative_to(Path(__file__).parent.parent)}")

@@ -20,7 +20,7 @@ from urdf_text import (
     urdf,
 )
 
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 
 STATURE = 1.3  # [m]
 BODY_MASS = 54.0  # [kg]
@@ -323,6 +323,5 @@ def upper_body_urdf() -> str:
 
 if __name__ == "__main__":
     path = Path(__file__).parent / "upper_body" / "upper_body.urdf"
-    with whole_file(path) as temporary:
-        temporary.write_text(upper_body_urdf(), encoding="utf-8")
+    write_whole(path, upper_body_urdf())
     print(f"wrote {path.relative_to(Path(__file__).parent.parent)}")

@@ -1,7 +1,5 @@
 """MJCF texts for the tests of the import."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 # A mesh without any symmetry, so that a turned one is noticed.

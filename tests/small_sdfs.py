@@ -1,7 +1,5 @@
 """SDF texts for the tests of the import."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """URDF texts for the tests of the import."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

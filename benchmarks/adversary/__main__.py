@@ -9,8 +9,6 @@ again when the source of the controller or of the attacks has changed. The exit 
 is 1 if anything is violated with the exact model, 2 if a case could not be run.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os
@@ -47,9 +45,8 @@ from benchmarks.adversary.robots import ASKED_FOR, ROBOTS, load_subject
 from benchmarks.adversary.run import play_and_judge, run_case
 from benchmarks.page import Part, check_part, machine_line, version_line, write_part
 from crar_drake.control.modes import MODES
-from crar_drake.errors import CrarError
-from crar_drake.files import check_folder, sole_writer, whole_file
-from crar_drake.nearest import nearest
+from crar_drake.errors import CrarError, nearest
+from crar_drake.files import check_folder, sole_writer, whole_file, write_whole
 
 LINES = "cases.jsonl"
 WHOLE = "adversary.json"
@@ -123,19 +120,18 @@ def _append(lines: Path, result: Result) -> None:
 
 def _write(folder: Path, results: Sequence[Result]) -> None:
     """The whole of it, as JSON and as tables, and a file per counterexample."""
-    with whole_file(folder / WHOLE) as temporary:
-        temporary.write_text(
-            json.dumps(
-                {
-                    "law": law_digest(),
-                    "verdict": verdict_line(results),
-                    "results": [finite(asdict(r)) for r in results],
-                },
-                indent=1,
-            )
-        )
-    with whole_file(folder / TABLES) as temporary:
-        temporary.write_text(markdown(results))
+    write_whole(
+        folder / WHOLE,
+        json.dumps(
+            {
+                "law": law_digest(),
+                "verdict": verdict_line(results),
+                "results": [finite(asdict(r)) for r in results],
+            },
+            indent=1,
+        ),
+    )
+    write_whole(folder / TABLES, markdown(results))
     for r in results:
         if r.worst is not None:
             case = r.case

@@ -5,8 +5,6 @@ first is the seed it was drawn with, the others (of the search) are mutations of
 numbers it is made of.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Runs one episode: in a user's own loop with the exact model, or in the diagram."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass, field
 

@@ -6,8 +6,6 @@ controller's kinematics and distances nor Drake's take part;
 `tests/benchmarks/test_adversary.py` compares it with SceneGraph.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise

@@ -4,8 +4,6 @@ A policy is asked each period for what it wants, and knows the command before. A
 episode of `attacks`, it depends on nothing but its case and its lineage.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

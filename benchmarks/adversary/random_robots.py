@@ -6,8 +6,6 @@ have whips (1 mm thick, 2 m long), joints with a range of nothing, joints withou
 speed limit, weak motors, and posts in their way that stand or are moved.
 """
 
-from __future__ import annotations
-
 from itertools import combinations, count
 
 import numpy as np

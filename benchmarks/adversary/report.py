@@ -1,7 +1,5 @@
 """Tables of what the adversary found: for the terminal and as Markdown."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from rich.table import Table

@@ -1,7 +1,5 @@
 """The robots that are attacked, each with the tasks that it is attacked through."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -9,8 +7,7 @@ from pathlib import Path
 from benchmarks.adversary.judge import Judge
 from benchmarks.adversary.random_robots import KINDS, draw_robot
 from crar_drake.control.safety_filter import SafetyFilter
-from crar_drake.errors import CrarError
-from crar_drake.nearest import nearest
+from crar_drake.errors import CrarError, nearest
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks

@@ -1,7 +1,5 @@
 """Runs a case: episode after episode, each judged, the worst one kept."""
 
-from __future__ import annotations
-
 import time
 import zlib
 from dataclasses import replace

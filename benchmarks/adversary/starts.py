@@ -1,7 +1,5 @@
 """States to start in: whatever is clear, by the adversary's own judge."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.adversary.judge import Judge

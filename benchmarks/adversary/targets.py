@@ -1,7 +1,5 @@
 """Targets as formulas: paths of points and turns of frames, packed for the law."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

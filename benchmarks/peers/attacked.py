@@ -36,7 +36,7 @@ from crar_drake import (
     load_robot_description,
     position_tasks,
 )
-from crar_drake.files import whole_file
+from crar_drake.files import whole_file, write_whole
 
 ATTACKS = (
     "teleport",
@@ -227,16 +227,16 @@ def main(argv: Sequence[str] | None = None) -> None:
         for attack, names in cases.items():
             for name in names:
                 found[entry.name][attack].add(witness.harm(results[name]))
-    with whole_file(out / "attacked.json") as temporary:
-        temporary.write_text(
-            json.dumps(
-                {
-                    name: {attack: asdict(harm) for attack, harm in each.items()}
-                    for name, each in found.items()
-                },
-                indent=1,
-            )
-        )
+    write_whole(
+        out / "attacked.json",
+        json.dumps(
+            {
+                name: {attack: asdict(harm) for attack, harm in each.items()}
+                for name, each in found.items()
+            },
+            indent=1,
+        ),
+    )
     benchmark.report(make_tables(found))
 
 

@@ -9,8 +9,6 @@ the problem, runs every controller on every case in several rounds, one after th
 other in one process each and with one thread, and judges what they recorded.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os
@@ -39,7 +37,7 @@ from benchmarks.peers.problem import CASES, write_problem
 from benchmarks.peers.report import Row, page_part, tables
 from benchmarks.peers.tuning import choose, holds, load_settings, save_settings
 from crar_drake import CrarError
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 
 ROOT = Path(__file__).resolve().parents[2]  # of the checkout
 PERIOD = 0.005  # [s] of all controllers
@@ -99,8 +97,7 @@ def main(argv: list[str] | None = None) -> None:
     rows = run_all(
         entries(chosen), pythons, folder, out / "runs", judge, arguments.rounds
     )
-    with whole_file(out / "rows.json") as temporary:
-        temporary.write_text(json.dumps([asdict(row) for row in rows], indent=1))
+    write_whole(out / "rows.json", json.dumps([asdict(row) for row in rows], indent=1))
     console = Console()
     for table in tables(rows):
         console.print(table)
@@ -203,16 +200,16 @@ def tune(
                 case,
                 calmest(settings, case) if peer is OURS else None,
             )
-            with whole_file(out / f"{peer.name}, {case}.json") as temporary:
-                temporary.write_text(
-                    json.dumps(
-                        [
-                            {"settings": s, "holds": holds(f, case)} | asdict(f)
-                            for s, f in zip(peer.grid, judged, strict=True)
-                        ],
-                        indent=1,
-                    )
-                )
+            write_whole(
+                out / f"{peer.name}, {case}.json",
+                json.dumps(
+                    [
+                        {"settings": s, "holds": holds(f, case)} | asdict(f)
+                        for s, f in zip(peer.grid, judged, strict=True)
+                    ],
+                    indent=1,
+                ),
+            )
         save_settings(settings)
 
 

@@ -14,8 +14,6 @@ the upper body, 0 to 23 of the G1), and on recordings of people; the latest as
 `benchmarks.presets` says.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Callable, Sequence
@@ -38,7 +36,7 @@ from benchmarks.peers.judge import Figures, Judge
 from benchmarks.peers.peers import NO_PREVIEW, OURS, PEERS
 from benchmarks.peers.problem import ROBOT, ROBOTS, write_crossings, write_problem
 from benchmarks.peers.tuning import load_settings
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 
 TUNED_FOR = "crossing"
 HIGHER_GAINS = {"Gv": 60.0, "K": 60.0, "Kp": 900.0} | NO_PREVIEW
@@ -103,8 +101,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         "cases": cases,
         "figures": {name: [asdict(f) for f in of] for name, of in figures.items()},
     }
-    with whole_file(out / "crossings.json") as temporary:
-        temporary.write_text(json.dumps(told, indent=1))
+    write_whole(out / "crossings.json", json.dumps(told, indent=1))
     best = best_errors(figures)
     rows = [row(name, each, best) for name, each in figures.items()]
     benchmark.report([Table(HEADER, rows)])

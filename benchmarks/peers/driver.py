@@ -15,8 +15,6 @@ A step without an answer stops the robot: v_{k+1} = 0. The clock runs from handi
 the state to having the answer, with everything that the controller needs to update.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

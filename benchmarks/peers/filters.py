@@ -13,8 +13,6 @@ is shown which leaves the fewest frames with capsules in penetration, and of sev
 one that changes the joints the least. All are judged as `crar-drake judge` does.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Iterable, Sequence
@@ -33,7 +31,7 @@ from benchmarks.peers.compare import (
 )
 from benchmarks.peers.peers import MARGIN, Peer, every
 from benchmarks.peers.problem import finite_or_none, write_robot
-from crar_drake.files import whole_file
+from crar_drake.files import whole_file, write_whole
 from crar_drake.references.change import Change, find_change
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
 from crar_drake.references.folders import find_references
@@ -212,8 +210,7 @@ def write_references(
         "pairs": description.pairs,
         "rest": [rest[joint] for joint in robot.joint_names],
     }
-    with whole_file(folder / "problem.json") as temporary:
-        temporary.write_text(json.dumps(problem, indent=1))
+    write_whole(folder / "problem.json", json.dumps(problem, indent=1))
     for name, motion in motions.items():
         with whole_file(folder / f"{name}.npz") as temporary:
             clock = np.arange(motion.num_frames) / motion.rate

@@ -13,8 +13,6 @@ Pinocchio has the place first, the quaternion's w last, and the root's velocity 
 own axes; `to_pinocchio` and `from_pinocchio` turn one into the other.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path

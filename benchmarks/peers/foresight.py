@@ -17,8 +17,6 @@ what several controllers did. These are local minima: what is found is possible,
 judge of all controllers; it is no proof that less is not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The figures of a trajectory: one referee and one formula for all controllers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

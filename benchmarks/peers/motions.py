@@ -7,8 +7,6 @@ two smooth steps w and u, and its derivatives are those of this formula.
 `random_crossings` draws such motions, for any robot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

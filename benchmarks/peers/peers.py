@@ -5,8 +5,6 @@ is written to `settings.json` by `compare.py --tune` (its rule is in `compare.be
 All are asked to keep the same margin of distance.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 

@@ -12,8 +12,6 @@ The folder holds the robot (`robot.urdf` for Drake, `robot_pinocchio.urdf`,
 The drivers of the peers read these and need nothing else of this project.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterable, Sequence
@@ -30,7 +28,7 @@ from crar_drake import (
     load_robot_description,
     position_tasks,
 )
-from crar_drake.files import whole_file
+from crar_drake.files import whole_file, write_whole
 
 ROBOT = "upper_body"  # of `CASES`
 ROBOTS = {
@@ -246,8 +244,7 @@ def finite_or_none(values: np.ndarray) -> list[float | None]:
 
 
 def _write(path: Path, text: str) -> None:
-    with whole_file(path) as temporary:
-        temporary.write_text(text)
+    write_whole(path, text)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,5 @@
 """The comparison as tables for the terminal and as the page in docs/."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ and with it; and by the law of GMR in two stages, turns of links first. What com
 is judged alike.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import tempfile

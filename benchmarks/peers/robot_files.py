@@ -7,8 +7,6 @@ posture has them, so that every peer has the same joints; what is only drawn is 
 out.
 """
 
-from __future__ import annotations
-
 import copy
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence

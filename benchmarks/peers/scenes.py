@@ -17,8 +17,6 @@ each filter that one is taken by which links are touched, in each other or beyon
 limit in the fewest samples; of several the one that reaches the most.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Mapping, Sequence
@@ -41,7 +39,7 @@ from benchmarks.peers.peers import ENVIRONMENTS, MARGIN, Peer, every
 from benchmarks.peers.problem import describe, write_problem
 from crar_drake import load_robot_description
 from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
-from crar_drake.files import whole_file
+from crar_drake.files import whole_file, write_whole
 from crar_drake.judging.obstacle_judge import ObstacleJudge
 from crar_drake.judging.referee import Referee
 
@@ -196,8 +194,7 @@ class Stage:
         self.model = model = filter.model
         self.limits = np.array(problem["velocity_limits"])
         problem["guarded"] = list(filter.links)
-        with whole_file(path) as temporary:
-            temporary.write_text(json.dumps(problem, indent=1))
+        write_whole(path, json.dumps(problem, indent=1))
         self.lower, self.upper = model.lower, model.upper
         self.rest = model.rest_positions()
         self.base = 3 if on_a_base else 0
@@ -366,8 +363,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             for i, rank in enumerate(ranks):
                 print(guard.name, guard.grid[i], rank, "taken" if i == best else "")
             settings[guard.name] = guard.grid[best]
-            with whole_file(SETTINGS) as temporary:
-                temporary.write_text(json.dumps(settings, indent=1) + "\n")
+            write_whole(SETTINGS, json.dumps(settings, indent=1) + "\n")
         return
     found = {
         guard.name: judged(guard, [settings[guard.name]], stages, cases, arguments)[0]

@@ -13,8 +13,6 @@ limits. `--tune` tries each one's grid on swings of other seeds first, and keeps
 chose in `standing-settings.json`.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -39,7 +37,7 @@ from benchmarks.peers.peers import ENVIRONMENTS, Peer, every
 from benchmarks.peers.problem import finite_or_none
 from crar_drake.control.parameters import BalanceParameters
 from crar_drake.errors import CrarError
-from crar_drake.files import whole_file
+from crar_drake.files import whole_file, write_whole
 from crar_drake.judging.referee import Referee
 from crar_drake.robot.description import (
     GROUND,
@@ -420,8 +418,7 @@ def write_robot(folder: Path, judge: Judge) -> None:
         ("standing.json", json.dumps(standing, indent=1)),
         ("collisions.json", json.dumps(pairs)),
     ):
-        with whole_file(folder / name) as temporary:
-            temporary.write_text(text)
+        write_whole(folder / name, text)
 
 
 def write_case(path: Path, home: np.ndarray, targets: Callable, seconds: float) -> None:
@@ -552,8 +549,7 @@ def tune(runs: Runs, peers: Sequence[Peer], cases: Sequence[str]) -> None:
             "tried": len(peer.grid),
             "right": sum(not figures.wrong for figures in judged),
         }
-        with whole_file(SETTINGS) as temporary:
-            temporary.write_text(json.dumps(kept, indent=1) + "\n")
+        write_whole(SETTINGS, json.dumps(kept, indent=1) + "\n")
 
 
 def cells(group: str, name: str, f: Figures, times: np.ndarray) -> list[str]:

@@ -1,13 +1,11 @@
 """Which of a controller's settings is taken, and the file that keeps the choice."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.peers.judge import Figures
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 
 SETTINGS = Path(__file__).parent / "settings.json"
 LEAVES_BY = 0.5  # [s] a start in penetration is to be left, when the targets move off
@@ -84,8 +82,7 @@ def load_settings() -> dict[str, dict[str, dict]]:
 
 def save_settings(settings: dict[str, dict[str, dict]]) -> None:
     """Replaces the file."""
-    with whole_file(SETTINGS) as temporary:
-        temporary.write_text(json.dumps(settings, indent=1) + "\n")
+    write_whole(SETTINGS, json.dumps(settings, indent=1) + "\n")
 
 
 def _wrongs(figures: Figures) -> tuple[float, float]:

@@ -15,8 +15,6 @@ with the controller. A robot that has its result in --out is not tried again; --
 names some.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ Packages that load models from elsewhere when they are asked for them
 calibration only, one is here.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The page of what became of each robot."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Some moments of a run side by side, for a person to say whether it dances."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

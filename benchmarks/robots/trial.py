@@ -1,7 +1,5 @@
 """One robot: imported, set a task, run and judged, with nothing corrected by hand."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import time
@@ -15,7 +13,7 @@ from benchmarks.robots.catalogue import Subject
 from benchmarks.whole_body import late_errors
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import CrarError, ModelError
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.judging.referee import Referee
 from crar_drake.references.whole_body import WholeBody
@@ -23,7 +21,7 @@ from crar_drake.results import LOG
 from crar_drake.results.footing import footing
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import RobotDescription, load_robot_description
-from crar_drake.robot.joint_units import joint_units
+from crar_drake.robot.joints import joint_units
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY, Task, position_tasks
 from crar_drake.robot_import import import_robot
@@ -141,8 +139,7 @@ def try_robot(
         _try(outcome, subject, path, folder, motion, duration)
     except CrarError as error:
         outcome.why = str(error).replace(f"{path}: ", "").replace(f"{folder}/", "")
-    with whole_file(folder / RESULT) as temporary:
-        temporary.write_text(json.dumps(asdict(outcome), indent=2) + "\n")
+    write_whole(folder / RESULT, json.dumps(asdict(outcome), indent=2) + "\n")
     return outcome
 
 

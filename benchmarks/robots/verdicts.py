@@ -4,8 +4,6 @@ Nothing computes that. A verdict is of the run that the picture was drawn of, wi
 `--sheets`, and holds as long as that run's rms error does.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from benchmarks.robots.trial import Outcome

@@ -5,8 +5,6 @@
 The same command continues one that was stopped.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -1,7 +1,5 @@
 """The numbers behind the report, as CSV files."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -23,7 +21,7 @@ from benchmarks.section_iv.plan import (
 )
 from benchmarks.section_iv.simulate import Details, Outcome
 from benchmarks.sweep.cases import Result
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.results.log import SimulationLog
 
 TABLES = "tables"
@@ -56,8 +54,7 @@ def write_tables(
         tables[name] = _bars(data)
     tables["damping"] = _damping(plan, outcomes)
     for name, rows in tables.items():
-        with whole_file(out / TABLES / f"{name}.csv") as temporary:
-            temporary.write_text(_text(rows), encoding="utf-8")
+        write_whole(out / TABLES / f"{name}.csv", _text(rows))
     return list(tables)
 
 

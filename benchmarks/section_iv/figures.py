@@ -1,7 +1,5 @@
 """The figures of Section IV, from the plan's outcomes and logs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 

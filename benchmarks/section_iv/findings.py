@@ -4,8 +4,6 @@ A finding holds if its criterion does for every motion; the criteria are fixed h
 before any data. "Significant" is a quarter: bars that differ by less look alike.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 A plan is a list of simulations, each a whole scenario with a name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -3,8 +3,6 @@
 Figures are in the page itself; playback pages and CSV files are linked beside it.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +26,7 @@ from benchmarks.section_iv.simulate import Outcome, page_path
 from benchmarks.sweep.figures import clip_label
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.composite_weight import composite_index
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, position_tasks
@@ -156,8 +154,7 @@ def report_path(out: Path) -> Path:
 def write_report(reproduction: Reproduction, out: Path) -> Path:
     """Writes `out`/report.html; it opens from disk, without a network."""
     path = report_path(out)
-    with whole_file(path) as temporary:
-        temporary.write_text(_page(reproduction, out), encoding="utf-8")
+    write_whole(path, _page(reproduction, out))
     return path
 
 

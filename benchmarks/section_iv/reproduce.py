@@ -1,7 +1,5 @@
 """The whole reproduction: simulates, tests the findings, draws, writes the report."""
 
-from __future__ import annotations
-
 import time
 from concurrent.futures import Executor
 from functools import cache

@@ -4,8 +4,6 @@ A finished simulation is `results/<name>.json`; an interrupted reproduction goes
 with what is missing. Logs and playback pages are written before that file.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import logging
@@ -20,7 +18,7 @@ import numpy as np
 from benchmarks.section_iv.plan import REDUNDANCY, Plan, Simulation
 from benchmarks.sweep.cases import Case, Result, failed, judge
 from crar_drake.errors import CrarError
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.fresh_processes import given_or_fresh
 from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.log import SimulationLog
@@ -163,8 +161,7 @@ def simulate(simulation: Simulation, out: str) -> Outcome:
         if simulation.page:
             record_log(run.log, page_path(simulation, out), scenario=scenario)
     path = _result_path(simulation, out)
-    with whole_file(path) as temporary:
-        temporary.write_text(_to_json(outcome))
+    write_whole(path, _to_json(outcome))
     return outcome
 
 

@@ -5,8 +5,6 @@
 The same command continues a sweep that was stopped.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Iterable, Sequence

@@ -16,10 +16,9 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crar_drake.errors import CrarError, WriteError
-from crar_drake.files import sole_writer, whole_file
+from crar_drake.errors import CrarError, WriteError, nearest
+from crar_drake.files import sole_writer, write_whole
 from crar_drake.fresh_processes import given_or_fresh
-from crar_drake.nearest import nearest
 from crar_drake.simulation.scenario import Scenario, parse_scenario
 
 if TYPE_CHECKING:
@@ -384,8 +383,7 @@ def _line(result: Result | None) -> str:
 
 def _start_file(path: str | os.PathLike[str], results: Iterable[Result]) -> None:
     """Writes header and kept results, without failed cases and cut-off lines."""
-    with whole_file(path) as temporary:
-        temporary.write_text(_line(None) + "".join(map(_line, results)))
+    write_whole(path, _line(None) + "".join(map(_line, results)))
 
 
 def _append(line: str, handle: int, path: Path) -> None:
@@ -417,8 +415,7 @@ def _keep_settings(scenario: Scenario, out: Path) -> None:
             f"{out}: its results were made with another --scenario, --duration or "
             f"--frame-rate (see {path}); give another --out"
         )
-    with whole_file(path) as temporary:
-        temporary.write_text(text)
+    write_whole(path, text)
 
 
 def settings_path(out: Path) -> Path:

@@ -1,7 +1,5 @@
 """What commands that simulate many motions have in common: options, and a bar."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,7 +11,7 @@ from rich.table import Column
 from benchmarks.sweep.cases import Result
 from benchmarks.sweep.report import headline
 from crar_drake.commands.options import Parser, positive
-from crar_drake.nearest import nearest
+from crar_drake.errors import nearest
 
 
 def add_duration(parser: Parser) -> None:

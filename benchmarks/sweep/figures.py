@@ -1,7 +1,5 @@
 """Figures of many runs: per mode, and modes side by side."""
 
-from __future__ import annotations
-
 import math
 import os
 import re

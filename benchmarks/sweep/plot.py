@@ -1,7 +1,5 @@
 """A picture of many runs."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterable, Sequence

@@ -4,8 +4,6 @@ python -m benchmarks.sweep.report results.csv [more.csv ...]
     [--reasons reasons.json] [--out sweep.md] [--plot sweep.png]
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -5,8 +5,6 @@ What takes long to import is imported by the command that needs it, so that help
 mistyped options answer at once.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal
@@ -33,8 +31,7 @@ from crar_drake.commands import (
 from crar_drake.commands.options import Parser, UsageError
 from crar_drake.commands.output import tell_failure
 from crar_drake.drake_warnings import collected_warnings
-from crar_drake.errors import CrarError
-from crar_drake.nearest import nearest
+from crar_drake.errors import CrarError, nearest
 from crar_drake.version import __version__
 
 # What were commands, and measure the project: where they are in its checkout.

@@ -1,7 +1,5 @@
 """`crar-drake compare`: several runs or motions in one page, with one time line."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

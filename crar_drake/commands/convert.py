@@ -1,7 +1,5 @@
 """`crar-drake convert`: a robot's motion from one layout to another."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 
@@ -86,9 +84,8 @@ def run(arguments: argparse.Namespace) -> None:
         if motion.layout != to:
             lost = (*lost, *motion.extras)
         if lost:
-            reported.append(
-                f"left out, since {to} or the new rate has none: {_list(lost)}"
-            )
+            names = ", ".join(dict.fromkeys(lost))
+            reported.append(f"left out, since {to} or the new rate has none: {names}")
         written.append(motion)
     write_motions(arguments.out, written, to, robot)
     for line in dict.fromkeys(reported):
@@ -110,7 +107,3 @@ def reference_robot(arguments: argparse.Namespace):
     from crar_drake.robot.description import load_robot_description, whole_body_name
 
     return WholeBody(load_robot_description(whole_body_name(arguments.robot)))
-
-
-def _list(names: tuple[str, ...]) -> str:
-    return ", ".join(dict.fromkeys(names))

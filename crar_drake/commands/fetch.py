@@ -1,7 +1,5 @@
 """`crar-drake fetch`: recordings of the CMU database, downloaded."""
 
-from __future__ import annotations
-
 import argparse
 
 from crar_drake.commands.options import add_command

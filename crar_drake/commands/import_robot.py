@@ -1,7 +1,5 @@
 """`crar-drake import-robot`: a robot that scenarios can name, from its own file."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """`crar-drake judge --certificate`: whether a cleaned motion's certificate holds."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -172,7 +172,7 @@ def _write(judged: list[JudgedFile], robot: str, out: Path) -> None:
     import json
     import re
 
-    from crar_drake.files import whole_file
+    from crar_drake.files import write_whole
     from crar_drake.references.verdict_plot import plot_verdict
     from crar_drake.references.verdict_report import name_of, verdict_data
     from crar_drake.version import __version__
@@ -194,6 +194,5 @@ def _write(judged: list[JudgedFile], robot: str, out: Path) -> None:
             name += "_"
         names.add(name)
         plot_verdict(verdict, out / f"{name}.png")
-    with whole_file(out / "judge.json") as temporary:
-        temporary.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_whole(out / "judge.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
     print(out / "judge.json")

@@ -1,7 +1,5 @@
 """`crar-drake list`: the robots, motions and scenarios that are at hand."""
 
-from __future__ import annotations
-
 import argparse
 
 from crar_drake.commands.options import add_command

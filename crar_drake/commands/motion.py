@@ -1,7 +1,5 @@
 """`crar-drake motion`: what is in a motion."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

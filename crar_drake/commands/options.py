@@ -7,8 +7,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NoReturn
 
-from crar_drake.errors import CrarError, ScenarioError
-from crar_drake.nearest import nearest
+from crar_drake.errors import CrarError, ScenarioError, nearest
 
 if TYPE_CHECKING:
     from crar_drake.simulation.scenario import Scenario
@@ -70,14 +69,7 @@ def add_command(
     run: Callable[[argparse.Namespace], None],
     text: str,
 ) -> Parser:
-    """Adds a command that says what it does, and returns the parser of its options.
-
-    Args:
-        subparsers: the commands.
-        name: of the command.
-        run: is called with what was parsed.
-        text: what the command does.
-    """
+    """Adds a command that says what it does, and returns the parser of its options."""
     parser = subparsers.add_parser(name, help=text, description=text)
     add_what_runs(parser, run)
     return parser

@@ -1,7 +1,5 @@
 """Where commands write by default, and how they end."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import sys

@@ -1,7 +1,5 @@
 """`crar-drake playback`: a saved log as a page to look at."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

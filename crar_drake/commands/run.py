@@ -205,7 +205,7 @@ def _show_footing(
     writes that into a file."""
     import json
 
-    from crar_drake.files import whole_file
+    from crar_drake.files import write_whole
     from crar_drake.results.footing import footing
 
     log = result.log
@@ -214,8 +214,7 @@ def _show_footing(
     found = footing(log, robot, blended)
     for line in found.lines():
         print(line)
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(found.as_dict(), indent=2) + "\n")
+    write_whole(path, json.dumps(found.as_dict(), indent=2) + "\n")
     print(path)
 
 

@@ -1,7 +1,5 @@
 """`crar-drake serve`: a filter for teleoperation."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -5,8 +5,6 @@ mode admits of the targets is changed to the nearest accelerations that are bala
 scaled towards braking, which always is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The motion that a law commands, as it would be: the law runs on its own command."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.systems.framework import (
     Context,

@@ -1,7 +1,5 @@
 """The controller as a Drake system."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -41,14 +39,9 @@ _values_of_law = attrgetter(*(diagnostic.key for diagnostic in OF_LAW))
 
 @dataclass(slots=True)
 class _Solve:
-    """What is cached of a torque tick; a copy has contexts of its own.
+    """What is cached of a torque tick; a copy has contexts of its own."""
 
-    Attributes:
-        workspace: the control model's contexts. They are here because each further
-            cache entry costs every step as much as reading a port.
-        memory: the results, and what they leave to the next tick.
-    """
-
+    # Here because each further cache entry costs a step as much as reading a port.
     workspace: Workspace
     memory: Memory
 

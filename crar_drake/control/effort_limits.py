@@ -5,8 +5,6 @@ accelerations that do not are found, `equations.torque_limit`; then the constrai
 admits them again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import NamedTuple
@@ -40,35 +38,21 @@ _NO_INERTIA = np.zeros((0, 0))
 
 
 class _Nominal(NamedTuple):
-    """The nominal accelerations and what they take.
+    """The nominal accelerations and what they take."""
 
-    Attributes:
-        vdot: (nv,) accelerations [rad/s^2 or m/s^2].
-        actuation: (nu,) their torque [Nm or N].
-        inertia: (nu, nv) change of the torque with the accelerations.
-    """
-
-    vdot: np.ndarray
-    actuation: np.ndarray
-    inertia: np.ndarray
+    vdot: np.ndarray  # (nv,) accelerations [rad/s^2 or m/s^2]
+    actuation: np.ndarray  # (nu,) their torque [Nm or N]
+    inertia: np.ndarray  # (nu, nv) change of the torque with the accelerations
 
 
 class _Candidate(NamedTuple):
-    """Accelerations that may be within the limits.
+    """Accelerations that may be within the limits."""
 
-    Attributes:
-        vdot: (nv,) accelerations.
-        actuation: (nu,) their torque, clipped if nothing else helps.
-        torque_limit: (2,) `Solution.torque_limit`.
-        after: (nq + nv,) state that they lead to in a control period.
-        reported: by the mode of them, if it was asked.
-    """
-
-    vdot: np.ndarray
-    actuation: np.ndarray
-    torque_limit: np.ndarray
-    after: np.ndarray
-    reported: Mapping[str, np.ndarray] = {}
+    vdot: np.ndarray  # (nv,)
+    actuation: np.ndarray  # (nu,) their torque, clipped if nothing else helps
+    torque_limit: np.ndarray  # (2,) `Solution.torque_limit`
+    after: np.ndarray  # (nq + nv,) state that they lead to in a control period
+    reported: Mapping[str, np.ndarray] = {}  # by the mode of them, if it was asked
 
 
 class EffortLimits:

@@ -14,8 +14,6 @@ of a robot that is stuck while commands grow, older ones are less wrong, but non
 explains anything.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

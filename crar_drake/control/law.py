@@ -93,7 +93,6 @@ class ControlLaw:
         gains = self.parameters
         # Always of one type, lest functions be compiled for another.
         self._blend_time = float(gains.blend_time)
-        self._braking_horizon = float(gains.braking_horizon)
         self._period = float(gains.period)
         self._latency = float(gains.latency)
         self._plant_step = float(model.plant.time_step())
@@ -141,9 +140,6 @@ class ControlLaw:
     def take_over_obstacles(self, before: ControlLaw) -> None:
         """Goes on with what keeps the robot off obstacles in a law before, where that
         goes with this one: it takes a twentieth of a second to make.
-
-        Args:
-            before: of the same model.
         """
         made = vars(before).get("among")
         unused = not self.mode.keeps_off_obstacles
@@ -474,13 +470,8 @@ class ControlLaw:
         q: np.ndarray,
         v: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The state now, if q, v was that a latency ago and the robot did as told.
-
-        Args:
-            sent: accelerations (nv,) that were commanded, the newest first.
-            lateness: what was seen of it beyond the latency; None for nothing.
-            held: for how long the newest has been so [s].
-            q, v: (nq,), (nv,) as measured.
+        """The state now, if q, v was that a latency ago and the robot did as told: by
+        the accelerations `sent`, the newest of them first, and `held` for so long [s].
         """
         model, left, since = self.model, self._latency, []
         if lateness is not None:

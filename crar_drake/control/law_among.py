@@ -5,8 +5,6 @@ What the law commands goes through `SafetyFilter.left_among`, which has the theo
 pairs and limits itself, and goes on from where that leads.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -46,10 +44,6 @@ class LawAmong:
 
     def __init__(self, model: ControlModel, gains: CrarParameters) -> None:
         """
-        Args:
-            model: of the law.
-            gains: of the law, with constraints "lookahead".
-
         Raises:
             ScenarioError: the root floats, the plant does not move in steps of the
                 control period, or a parameter does not go with obstacles.

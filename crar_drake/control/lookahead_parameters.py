@@ -2,7 +2,7 @@
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from crar_drake.control.checks import check_choice, check_numbers
 from crar_drake.equations.lookahead_rows import NOMINAL_SPEED_LIMIT
@@ -15,27 +15,44 @@ GUARD_NORMS = ("joints", "tasks")
 PREVIEW = 0.1
 _SMOOTHNESS = {"closest": 5.7e-5, "balanced": 8e-5, "calm": 2.3e-4}
 PRESETS = tuple(_SMOOTHNESS)
-# The error from which on a task pulls no more [m or rad], and lambda of what tasks
-# leave free [m]. Where there are as many task rows as joints, targets cannot all be
-# had, and errors of centimetres are usual.
-_FARTHEST_PULL, _CROWDED_PULL = 0.01, 0.05
-_NULL_SPACE_DAMPING, _CROWDED_DAMPING = 0.04, 0.1
 # With longer control periods a plan shakes: by default there is none [s].
 LONGEST_PLANNED_PERIOD = 0.01
 
 # A pair's weight is then up to 1e12, and a double has 16 digits.
 LARGEST_RHO = 1.0
 
-# With a preview, unless it is given. How fast margins may be used up [1/s]: of pairs,
-# which it sees coming, and of limits, which motions of others run into again and again.
-_PREVIEW_APPROACH = 200.0
-_PREVIEW_LIMIT_APPROACH, _CROWDED_LIMIT_APPROACH = 10.0, 50.0
-# T [s], but so many periods at least, for the theorem asks for one. It is short since a
-# plan sees obstacles coming, so that a robot may be near them at speed.
+# What a parameter is that is not given: without a preview; with one; and with one where
+# there are as many task rows as joints, so that targets cannot all be had, and errors
+# of centimetres are usual.
+_USUAL = {
+    # A plan asks for no jumps as feedback does; 16 would be faster, and no closer.
+    "nominal_speed_limit": (NOMINAL_SPEED_LIMIT, 9.0, 9.0),  # [rad/s]
+    # Pairs it sees coming; into limits motions of others run again and again.
+    "approach_rate": (0.0, 200.0, 200.0),  # [1/s]
+    "limit_approach_rate": (0.0, 10.0, 50.0),  # [1/s]
+    "farthest_pull": (0.01, 0.01, 0.05),  # [m or rad]
+    "null_space_damping": (0.04, 0.04, 0.1),  # [m]
+    # Of `CrarParameters`. Without a preview a tenth of Kp, so that tasks come first.
+    # With one they do anyway; more damping holds arms back that go around each other
+    # (docs/measurements/presets.md).
+    "nominal_posture_gain": (30.0, 40.0, 40.0),  # [1/s^2]
+    "GvN": (None, 20.0, 20.0),  # [1/s], None for Gv
+}
+# T with a preview [s], but so many periods at least, for the theorem asks for one. It
+# is short since a plan sees obstacles coming: a robot may be near them at speed.
 _PREVIEW_HORIZON = 0.012
 _PREVIEW_PERIODS = 1.6
-# A plan asks for no jumps as feedback does; 16 would be faster, and no closer [rad/s].
-_PREVIEW_NOMINAL_SPEED_LIMIT = 9.0
+
+
+def usual(name: str, plans: bool, crowded: bool = False) -> float | None:
+    """What a parameter is that is not given.
+
+    Args:
+        name: of it.
+        plans: whether there is a preview.
+        crowded: whether there are as many task rows as joints.
+    """
+    return _USUAL[name][plans + (plans and crowded)]
 
 
 def preview_horizon(period: float) -> float:
@@ -179,40 +196,35 @@ class LookaheadParameters:
             return self.smoothness
         return _SMOOTHNESS[self.preset or "balanced"]
 
-    def pulls(self, crowded: bool) -> tuple[float, float]:
-        """The farthest pull [m or rad] and the damping of the null space [m].
-
-        Args:
-            crowded: whether there are as many task rows as joints.
-        """
-        pull = _CROWDED_PULL if crowded else _FARTHEST_PULL
-        damping = _CROWDED_DAMPING if crowded else _NULL_SPACE_DAMPING
-        return self.farthest_pull or pull, self.null_space_damping or damping
-
-    def nominal_speed(self, plans: bool) -> float:
-        """How fast q_s is asked to move at most [rad/s].
-
-        Args:
-            plans: whether there is a preview.
-        """
-        if self.nominal_speed_limit is not None:
-            return self.nominal_speed_limit
-        return _PREVIEW_NOMINAL_SPEED_LIMIT if plans else NOMINAL_SPEED_LIMIT
-
-    def approach_rates(
+    def filled(
         self, period: float, plans: bool, crowded: bool = False
-    ) -> tuple[float, float]:
-        """kappa of pairs and of limits [1/s]; 0 where they weigh by their margins.
+    ) -> "LookaheadParameters":
+        """These, with what is usual in the place of what is not given.
 
         Args:
-            period: of the controller [s].
-            plans: whether there is a preview.
-            crowded: whether there are as many task rows as joints.
+            period: of the controller [s], in which no margin is used up by more than
+                there is.
+            plans, crowded: as of `usual`.
+
+        Returns:
+            Approach rates are 0 where pairs and limits weigh by their margins.
         """
+        names = ("nominal_speed_limit", "farthest_pull", "null_space_damping")
+        filled = {
+            name: usual(name, plans, crowded)
+            for name in names
+            if getattr(self, name) is None
+        }
         of_pairs, of_limits = self.approach_rate, self.limit_approach_rate
-        if plans:
-            fastest = 1.0 / period
-            of_pairs = of_pairs or min(_PREVIEW_APPROACH, fastest)
-            usual = _CROWDED_LIMIT_APPROACH if crowded else _PREVIEW_LIMIT_APPROACH
-            of_limits = of_limits or min(usual, fastest)
-        return float(of_pairs or 0.0), float(of_limits or of_pairs or 0.0)
+        most = 1.0 / period
+        if of_pairs is None:
+            of_pairs = min(usual("approach_rate", plans), most)
+        if of_limits is None and plans:
+            of_limits = min(usual("limit_approach_rate", plans, crowded), most)
+        return replace(
+            self,
+            approach_rate=of_pairs,
+            limit_approach_rate=of_pairs if of_limits is None else of_limits,
+            smoothness=self.planned_smoothness,
+            **filled,
+        )

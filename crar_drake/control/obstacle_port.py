@@ -1,7 +1,5 @@
 """The input port of a system that keeps a robot from obstacles that move."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -2,7 +2,7 @@
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ from crar_drake.control.lookahead_parameters import (
     PREVIEW,
     LookaheadParameters,
     preview_horizon,
+    usual,
 )
 from crar_drake.equations.governor import TargetBounds
 from crar_drake.errors import ModelError, ScenarioError
@@ -27,13 +28,6 @@ METRICS = ("identity", "inertia")
 
 # A torque loop of 1 kHz is usual, and enough: the torque period unless it is given [s].
 _TORQUE_PERIOD = 1e-3
-
-
-# With constraints "lookahead" [1/s^2]: a tenth of Kp, so that tasks come first. With a
-# preview they do anyway; more damping [1/s] holds arms back that go around each other
-# (docs/measurements/presets.md).
-_POSTURE_GAIN = 30.0
-_PREVIEW_POSTURE_GAIN, _PREVIEW_NULL_SPACE_GAIN = 40.0, 20.0
 
 # The braking horizon, in time constants of the velocity loop, unless it is given. A
 # short one asks of motors what they do not have; a long one stops far from obstacles.
@@ -67,12 +61,7 @@ class TargetGovernor:
 
     def bounds(self) -> TargetBounds | None:
         """The bounds for the equations, infinite where left out; None if all are."""
-        given = (
-            self.speed,
-            self.acceleration,
-            self.angular_speed,
-            self.angular_acceleration,
-        )
+        given = astuple(self)
         if all(bound is None for bound in given):
             return None
         return TargetBounds(
@@ -121,8 +110,9 @@ class CrarParameters:
         Gv: joint velocity gain, Eq. (30) [1/s].
         GvN: null-space gain, Eq. (33) [1/s]; by default Gv, and with a preview 20.
         Gv_near: adaptive gains, for constraints "paper": Gv then holds away from
-            the constraints and this near them, joint by joint, see
-            `equations.adaptive_gain` [1/s]; GvN goes along unless it is given.
+            the constraints and this near them, joint by joint [1/s], see
+            `equations.resolved_acceleration.adaptive_gain`; GvN goes along unless it is
+            given.
         metric: of the joint velocities that W weighs, for constraints "paper" and
             "none": "identity", or "inertia" for the dynamically consistent inverse,
             see `equations.composite_weight.inertia_weight`.
@@ -305,16 +295,16 @@ class CrarParameters:
         """GvN of Eq. (33) [1/s]."""
         if self.GvN is not None:
             return self.GvN
-        return _PREVIEW_NULL_SPACE_GAIN if self.planned_time else self.Gv
+        return usual("GvN", self.planned_time > 0.0) or self.Gv
 
     @property
     def posture_gain(self) -> float:
         """Stiffness towards the nominal posture [1/s^2]; 0 for none."""
         if self.nominal_posture_gain is not None:
             return self.nominal_posture_gain
-        if self.planned_time:
-            return _PREVIEW_POSTURE_GAIN
-        return _POSTURE_GAIN if self.constraints == "lookahead" else 0.0
+        if self.constraints != "lookahead":
+            return 0.0
+        return usual("nominal_posture_gain", self.planned_time > 0.0)
 
     @property
     def limits_efforts(self) -> bool:
@@ -325,9 +315,6 @@ class CrarParameters:
 
     def effort_limits(self, model: "ControlModel") -> np.ndarray:
         """The largest effort of each actuator of a robot's plant that is commanded.
-
-        Args:
-            model: of the robot.
 
         Returns:
             (nu,) [Nm or N], infinite where there is none or it is not respected, and
@@ -345,9 +332,6 @@ class CrarParameters:
 
     def speed_limits(self, model: "ControlModel") -> np.ndarray:
         """The largest speed of each joint of a robot's plant.
-
-        Args:
-            model: of the robot.
 
         Returns:
             (nv,) [rad/s or m/s], infinite where there is none and for the prescribed

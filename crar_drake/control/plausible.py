@@ -1,11 +1,9 @@
 """Measured states that no robot has: a sensor's glitch, another unit, an index that is
 off by one. A law that believes them asks for torques that no motor has, either."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from crar_drake.robot.joint_units import joint_units
+from crar_drake.robot.joints import joint_units
 from crar_drake.robot.model import ControlModel
 
 # A joint that turns sixteen times a second, or slides at 30 m/s, is none of a robot's;

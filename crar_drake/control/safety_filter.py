@@ -58,8 +58,7 @@ from crar_drake.equations.joint_filter import (
     filter_step,
 )
 from crar_drake.equations.references import TaskGains
-from crar_drake.errors import ModelError, ScenarioError
-from crar_drake.nearest import nearest
+from crar_drake.errors import ModelError, ScenarioError, nearest
 from crar_drake.robot.balls import find_balls, robot_in_closed_form
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel

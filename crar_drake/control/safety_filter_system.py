@@ -1,7 +1,5 @@
 """The safety filter as a Drake system."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -15,8 +15,6 @@ inverse dynamics with contacts, as of A. Herzog et al., "Momentum control with
 hierarchical inverse dynamics on a torque-controlled humanoid", Autonomous Robots 2016.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +34,7 @@ from crar_drake.robot.description import (
     find_root,
     zero_positions,
 )
-from crar_drake.robot.joint_names import names_by_joint
+from crar_drake.robot.joints import names_by_joint
 from crar_drake.robot.standing import leg_joints
 
 GRAVITY = 9.81  # [m/s^2]

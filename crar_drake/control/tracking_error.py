@@ -7,8 +7,6 @@ farther apart by that sum is one of thicker capsules: so all distances of the la
 floor's and the margin's, are those that are left for the robot.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.control.lookahead_parameters import LookaheadParameters

@@ -13,8 +13,6 @@ convex hulls are at least as far apart as their shadows on any fixed direction, 
 a shadow moves is known to the second order.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -24,8 +24,6 @@ Braking leads through these alone, and from one of them to a state whose (B2) is
 them: `docs/theory/balance.md` has the proof.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The accelerations nearest to others that keep the rows of balance, see (B5)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.compilation import Held, compiled

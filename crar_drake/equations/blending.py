@@ -6,8 +6,6 @@ s = 1 the targets themselves, and position, velocity and acceleration belong
 together all the way.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.compilation import compiled

@@ -9,8 +9,6 @@ straight into it. A pair with a box or another convex hull is asked of
 `hull_distances`, one by one.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

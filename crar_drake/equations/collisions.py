@@ -1,7 +1,5 @@
 """The collision potential and its weight: Eqs. (19)-(26)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.compilation import compiled

@@ -7,8 +7,6 @@ plain NumPy: the answers agree but for rounding.
 What is compiled is kept in the user's cache, so that only the first process compiles.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The composite constraint matrix: Eqs. (27) and (28), and one with the inertia."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.compilation import compiled

@@ -6,8 +6,6 @@ too, and if that is not clear the step is scaled towards braking: of the joints 
 move the links in question, or of all.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.admission import (

@@ -17,8 +17,6 @@ t x for t from 0 to 1 is then a way with constant velocities x, from anywhere: t
 no attitude at which anything locks, and nothing that the ways are charted from.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.compilation import compiled

@@ -47,8 +47,6 @@ On the sphere, G is a rotation vector, by the shorter way; from 180 degrees it t
 of the two ways, and keeps it.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

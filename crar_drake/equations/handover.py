@@ -4,8 +4,6 @@ An array goes into compiled code in a fifth of a microsecond, a tuple of arrays 
 `Held` takes ten times as long, and so does joining arrays to one before.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.compilation import compiled

@@ -9,8 +9,6 @@ zero: the shortest way that parts them is along the normal of a face, or across 
 of each.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

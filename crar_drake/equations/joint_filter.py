@@ -10,8 +10,6 @@ nominal s_0 brings q_s to where the wanted motion would come to rest,
 and guard and admission choose the s that is taken, (L7) and (L8).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The joint-limit potential and its weight: Eqs. (17) and (18)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ What cannot be written, on a full disk or one that is read only, is said once. A
 that is full of what others compiled may well be read only.
 """
 
-from __future__ import annotations
-
 import hashlib
 import logging
 import os
@@ -114,12 +112,7 @@ def _say(text: str) -> None:
 
 
 def say_once(place: str, error: OSError) -> None:
-    """Says on stderr, once in a process, that what is compiled cannot be kept.
-
-    Args:
-        place: folder of a function.
-        error: why it cannot be written there.
-    """
+    """Says on stderr, once in a process, that what is compiled cannot be kept."""
     _say(
         f"what is compiled cannot be kept in {Path(place).parent} "
         f"({error.strerror or error}): every process compiles it again; "

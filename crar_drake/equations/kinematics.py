@@ -12,8 +12,6 @@ the rates wrench^T S, of the joints that carry L. A force f at point p is the wr
 [p x f; f].
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -162,7 +160,15 @@ def place_points(X: np.ndarray, selection: np.ndarray, first: np.ndarray) -> np.
     return sparse_product(selection, first, X)
 
 
-def _joint_motion_loops(placed):
+@compiled(loops=True)
+def joint_motion(placed: np.ndarray) -> np.ndarray:
+    """S (K, 6, nv): how each joint moves what it carries, about the world's origin.
+
+    Args:
+        placed: (K, 3 nv, 3) in W, in K configurations: a point of each joint's axis
+            [m]; then the unit vectors along the axes, 0 where nothing turns; then
+            the directions of slides, 0 where nothing slides.
+    """
     K, nv = len(placed), placed.shape[1] // 3
     S = np.empty((K, 6, nv))
     for k in range(K):
@@ -173,22 +179,6 @@ def _joint_motion_loops(placed):
             S[k, 4, j] = p[2] * turn[0] - p[0] * turn[2] + slide[1]
             S[k, 5, j] = p[0] * turn[1] - p[1] * turn[0] + slide[2]
     return S
-
-
-@compiled(loops=_joint_motion_loops)
-def joint_motion(placed: np.ndarray) -> np.ndarray:
-    """S (K, 6, nv): how each joint moves what it carries, about the world's origin.
-
-    Args:
-        placed: (K, 3 nv, 3) in W, in K configurations: a point of each joint's axis
-            [m]; then the unit vectors along the axes, 0 where nothing turns; then
-            the directions of slides, 0 where nothing slides.
-    """
-    nv = placed.shape[1] // 3
-    p, turn, slide = placed[:, :nv], placed[:, nv : 2 * nv], placed[:, 2 * nv :]
-    linear = cross_rows(p.reshape(-1, 3), turn.reshape(-1, 3)).reshape(p.shape) + slide
-    S = np.concatenate((turn, linear), axis=2)
-    return transposed(S)
 
 
 def _task_jacobian_loops(p, S, tasks):

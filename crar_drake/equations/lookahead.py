@@ -16,8 +16,6 @@ positive, and its gradient, so that h changes by g s per second. Prescribed join
 move it by a known drift as well.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

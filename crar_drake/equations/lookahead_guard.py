@@ -3,8 +3,6 @@
 `equations.lookahead` says what they mean, `equations.admission` what is clear.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -2,8 +2,6 @@
 to rest, (L1)-(L5), (L9). `equations.lookahead` says what they mean.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

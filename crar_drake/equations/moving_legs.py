@@ -11,8 +11,6 @@ moves at the rate x, which changes at the rate y,
     theta_dot = D theta x,      theta_ddot = D^2 theta [x, x] + D theta y.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -80,9 +78,6 @@ def leg_motion(
 def leg_slopes(p: np.ndarray, x: np.ndarray, legs: Legs) -> np.ndarray:
     """D theta, D^2 theta x and D^3 theta [x, x], (3, L, 3): the slopes by p of what
     `leg_motion` gives.
-
-    Args:
-        p, x, legs: as there.
     """
     M, L = legs.coefficients.shape
     most = legs.degrees.max()

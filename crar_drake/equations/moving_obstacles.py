@@ -12,8 +12,6 @@ along this line: t then begins with the period. What is left of the line, where 
 are slower than v_ok, keeps the floor from the sphere as it is now.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

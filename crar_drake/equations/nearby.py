@@ -4,8 +4,6 @@ Most pairs of a whole robot are far apart at any time. The balls about two shape
 their distance from below, for a tenth of the effort.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.admission import (

@@ -4,8 +4,6 @@ The lookahead weighs what approaches a constraint, and nothing that leaves it; t
 torque limit what is beyond a limit.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.compilation import compiled

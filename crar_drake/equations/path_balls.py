@@ -11,8 +11,6 @@ here over all joints i that carry it. So two balls keep the distance of the orig
 the chord of (centre a - centre b), less (c_a + c_b) / 8 and both radii.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Of a whole robot's pairs few are looked at closely, and only the links that carr
 shapes are placed for them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points

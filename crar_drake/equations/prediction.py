@@ -1,7 +1,5 @@
 """Where the plant will be one control period on, if it does as commanded."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.compilation import compiled

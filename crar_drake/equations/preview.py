@@ -8,8 +8,6 @@ first of them is the nominal one, and all are chosen anew at the next step.
 `docs/theory/theorem.md` has the derivation.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reference velocity and acceleration of the tasks: Eqs. (9) and (14)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

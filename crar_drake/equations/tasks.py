@@ -1,7 +1,5 @@
 """Task variables and their error: Eqs. (4)-(8) and (11)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property

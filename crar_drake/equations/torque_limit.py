@@ -24,8 +24,6 @@ with tau_0 the torque of no acceleration. A robot whose braking torque comes nea
 limit (80 % of it: gravity and Coriolis forces change on the way) gets no faster.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ compiled; Numba does not reach SciPy's, so loops take their place there. Some fu
 have no NumPy form, for their loops cost nothing without Numba either, see `compiled`.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

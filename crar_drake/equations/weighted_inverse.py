@@ -1,7 +1,5 @@
 """The weighted pseudo-inverse and its damped form: Eqs. (16) and (34)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

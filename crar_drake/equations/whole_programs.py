@@ -15,8 +15,6 @@ The means are Numba's own: a compiler class with another library for the code
 (https://numba.readthedocs.io/en/stable/developer/custom_pipeline.html).
 """
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager

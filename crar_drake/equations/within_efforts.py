@@ -6,8 +6,6 @@ admission leave of them what is clear. Where motors have not the torque to brake
 the horizon T, they may have it for a longer one, whose braking path is then looked at.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.admission import (

@@ -18,8 +18,6 @@ follow a base that slides, A has their own accelerations by x, and the slopes of
 have those of the legs' joints by the chain rule.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

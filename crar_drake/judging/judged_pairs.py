@@ -1,7 +1,5 @@
 """Which links of a plant a judge asks for: those that more than one joint parts."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 
@@ -16,10 +14,6 @@ def pairs_beyond_one_joint(
 
     Links that are welded to each other are one: their shapes overlap as they are
     built. Two links that one joint connects meet at that joint.
-
-    Args:
-        plant: finalized.
-        bodies: links of it.
 
     Returns:
         Pairs of indices i < j of `bodies`. Links without any chain of joints between

@@ -119,9 +119,6 @@ class MeshJudge:
 
     def __init__(self, description: RobotDescription) -> None:
         """
-        Args:
-            description: of a robot, imported or not.
-
         Raises:
             ModelError: its model or one of its meshes cannot be read, or there is no
                 joint that the rest posture names.
@@ -403,11 +400,7 @@ class _Contact:
 
 @dataclass
 class _Tally:
-    """What is known of the samples so far, with pairs by their rows.
-
-    Attributes:
-        hulls_known, meshes_known: where pairs were measured last.
-    """
+    """What is known of the samples so far, with pairs by their rows."""
 
     num_pairs: int
     num_penetrating: int = 0
@@ -416,6 +409,7 @@ class _Tally:
     hulls: _Least = field(default_factory=_Least)
     penetrations: dict[int, _Contact] = field(default_factory=dict)
     refuted: dict[int, _Contact] = field(default_factory=dict)
+    # Where pairs were measured last.
     hulls_known: _Known = field(default_factory=_Known)
     meshes_known: _Known = field(default_factory=_Known)
 

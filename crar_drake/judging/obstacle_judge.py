@@ -5,8 +5,6 @@ filter takes part. A violation is a contact (distance at most 0) while the surfa
 the link is faster there than is harmless.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ minimum over candidates that is right by convexity, in scalar code. It is slow
 (20 µs a pair), and meant for judging trajectories afterwards and for tests.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

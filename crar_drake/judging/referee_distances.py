@@ -1,7 +1,5 @@
 """Distances of capsules for the referee: a way of its own, by plain numbers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -5,8 +5,6 @@ against each face, an edge against each edge. Where hulls meet, what parts them 
 is along the normal of a face, or across an edge of each.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """NumPy's files of arrays, from anywhere: damaged ones are refused."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Container
 from pathlib import Path

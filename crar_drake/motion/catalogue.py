@@ -12,13 +12,10 @@ Everywhere a motion is one of:
 - the name of a motion that this project ships: `dance`.
 """
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 import os
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -360,17 +357,8 @@ def _resolve_trial(text: str) -> MotionFiles:
 
 def available_trials() -> list[MotionFiles]:
     """Returns the trials that can be used now, by number: search path and cache."""
-    return _trials_in(search_path())
-
-
-def cached_trials() -> list[MotionFiles]:
-    """Returns the trials in the user's cache, by number."""
-    return _trials_in([cache_folder()])
-
-
-def _trials_in(folders: Iterable[Path]) -> list[MotionFiles]:
     found: dict[str, MotionFiles] = {}
-    for folder in folders:
+    for folder in search_path():
         for path in folder.glob("subjects/*/*.amc"):
             if path.stem in found or not _is_trial(path.stem):
                 continue

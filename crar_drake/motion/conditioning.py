@@ -1,7 +1,5 @@
 """Low-pass filtering and interpolation of recorded samples."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 A file appears in the cache only when it is complete and checked.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import http.client

@@ -1,7 +1,5 @@
 """A file's unit, up axis and facing, inferred from the body that moves in it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Gaps in recorded points: filled where they are short, reported where they are not."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

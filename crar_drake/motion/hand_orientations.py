@@ -1,7 +1,5 @@
 """How a performer's hands are turned, in the robot's world frame."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -19,8 +19,6 @@ Where a contact begins and ends these are blended in and out, twice continuously
 differentiable.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The points of a performer that a robot follows, in the robot's world frame."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,13 +1,10 @@
 """The YAML file by which a user says which joint of a motion file is which."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, make_dataclass
 
-from crar_drake.errors import MotionError
+from crar_drake.errors import MotionError, nearest
 from crar_drake.motion.performer import JOINTS
-from crar_drake.nearest import nearest
 from crar_drake.yaml_files import load_yaml, read_text
 
 # Each joint, and the thumbs, to the file's name for it; "" keeps the match.

@@ -5,8 +5,6 @@ out, and the words left are looked up. What one maker calls a shoulder is anothe
 collar bone, so names are weighed against the others of their side.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

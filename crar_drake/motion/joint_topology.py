@@ -6,8 +6,6 @@ limb the two neighbouring bones that are longest together are thigh and shank, o
 arm and forearm. Which leg is the left one only geometry can tell, see `frames`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

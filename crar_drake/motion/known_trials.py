@@ -1,7 +1,5 @@
 """Trials of the CMU database whose checksums are known."""
 
-from __future__ import annotations
-
 import csv
 import functools
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """What of a robot's legs a motion must know to stand on the floor."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

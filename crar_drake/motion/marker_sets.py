@@ -16,8 +16,6 @@ the waist (LASI, LPSI against LFWT, LBWT). Where each centre comes from:
 - pelvis, neck, wrists, head: the mean of the markers about them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -50,16 +48,12 @@ class MarkerBody:
     """Joint centres of a body with markers, in metres and the file's axes.
 
     Attributes:
-        marker_set: its name.
-        subject: prefix of the labels, "" for none.
         positions: joint to (T, 3).
         sources: joint to what it is computed of.
         pelvis_up: (T, 3) normal of the pelvis's plane.
         hands: hand to (to its fingertips, to the thumb's side), (T, 3) each.
     """
 
-    marker_set: str
-    subject: str
     positions: dict[str, np.ndarray]
     sources: dict[str, str]
     pelvis_up: np.ndarray
@@ -106,7 +100,6 @@ def _missing(markers: Mapping[str, str], waist: Mapping[str, str]) -> list[str]:
 def marker_body(
     points: Mapping[str, np.ndarray],
     marker_set: str,
-    subject: str,
     measures: Mapping[str, float],
     frame_rate: float,
 ) -> MarkerBody:
@@ -114,7 +107,7 @@ def marker_body(
 
     Args:
         points: marker without prefix to (T, 3), without gaps [m].
-        marker_set, subject: from `choose_markers`.
+        marker_set: from `choose_markers`.
         measures: of the subject, e.g. "LKneeWidth" [m].
         frame_rate: samples per second [Hz].
     """
@@ -167,7 +160,7 @@ def marker_body(
         fingers = points.get(f"{s}FIN")
         tips = fingers - wrist if fingers is not None else wrist - p[f"{side}_elbow"]
         hands[f"{side}_hand"] = tips, points[f"{s}WRA"] - points[f"{s}WRB"]
-    return MarkerBody(marker_set, subject, p, sources, z, hands)
+    return MarkerBody(p, sources, z, hands)
 
 
 def _half(measures: Mapping[str, float], side: str, joint: str) -> float:

@@ -1,7 +1,5 @@
 """What a user says of a motion file that the file leaves open."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The one performer that every format of motion files is read into."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType

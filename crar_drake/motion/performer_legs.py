@@ -1,7 +1,5 @@
 """A performer's legs, smoothed: how feet are turned, and how high the floor is."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A page that shows a motion: the body, its way, heights and speeds."""
 
-from __future__ import annotations
-
 import os
 import textwrap
 

@@ -7,8 +7,6 @@ array behind the opcodes that describe it, perhaps compresses all of it; that is
 too.
 """
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import io
@@ -259,11 +257,7 @@ class PlainUnpickler(pickle._Unpickler):
 
 
 def _lengths(shape: object) -> tuple[int, ...]:
-    """A shape as it stands in a file.
-
-    Raises:
-        RefusedPickle: it is none.
-    """
+    """A shape as it stands in a file."""
     if not isinstance(shape, tuple) or not all(
         isinstance(length, int) and 0 <= length < 2**48 for length in shape
     ):

@@ -5,8 +5,6 @@ faster, than a second threshold: without two of them, a foot at rest would be li
 set down again by noise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@
 - COCO-17, MediaPipe-33 (BlazePose), H36M-17 (the Human3.6M skeleton of 17).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """Smooth orientations through given ones, with exact derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """Frame rates that files state in another unit than they should."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """What is in a motion file, and what in it looks bad."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Whether a file holds a motion of a robot's own joints, or one of a person."""
 
-from __future__ import annotations
-
 import os
 from mmap import PROT_READ, mmap
 from pathlib import Path

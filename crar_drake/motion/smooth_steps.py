@@ -1,7 +1,5 @@
 """Smooth weights, steps and bounds over samples of time."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.motion.planted_feet import runs

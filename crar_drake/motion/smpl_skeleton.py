@@ -10,8 +10,6 @@ terms of AMASS, however it is read.
 The model's axes M at rest: x to the left, y up, z ahead; a T-pose, palms down.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 

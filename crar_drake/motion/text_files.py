@@ -1,7 +1,5 @@
 """Text of motion files, whatever program wrote it."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

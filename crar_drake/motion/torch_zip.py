@@ -8,8 +8,6 @@ zips, and are not read. Source: `torch/serialization.py` and `torch/_utils.py` o
 github.com/pytorch/pytorch.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import zipfile

@@ -1,7 +1,5 @@
 """Whether a performer goes where the feet take them, or hangs by the pelvis."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

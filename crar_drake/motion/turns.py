@@ -1,7 +1,5 @@
 """How parts of a performer are turned, in the robot's world frame, and smoothly."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -5,8 +5,6 @@ with frames, which `LiveScene.frame` makes, so that all of a picture is of one i
 and no browser is behind by what waits in a socket.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -24,7 +22,7 @@ from crar_drake.play.pacing import Pacer
 from crar_drake.results.marks import NEARNESS_STEPS
 from crar_drake.results.recorded_run import DrawnRobot, poses_of
 from crar_drake.robot.description import GROUND
-from crar_drake.simulation.visualization import set_surroundings
+from crar_drake.simulation.visuals import set_surroundings
 
 PREFIX = "/crar/robot0"
 NEAR_PAIRS = 8  # of which at most the page shows how near they are

@@ -1,7 +1,5 @@
 """A scenario's simulation that goes on step by step, and changes in between."""
 
-from __future__ import annotations
-
 from collections import deque
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -472,11 +470,7 @@ def keeps_off_obstacles(model: ControlModel, parameters: CrarParameters) -> bool
 
 
 def make_ball(setup: Setup) -> MovingObstacle:
-    """A ball in front of the robot and its targets, at the height of these.
-
-    Args:
-        setup: of the scenario.
-    """
+    """A ball in front of the robot and its targets, at the height of these."""
     model, motion = setup.model, setup.motion
     plant, workspace = model.plant, model.MakeWorkspace()
     plant.SetPositions(workspace.plant_context, setup.start_positions)
@@ -495,12 +489,7 @@ def make_ball(setup: Setup) -> MovingObstacle:
 
 
 def make_governor(motion: DesiredMotion, model: ControlModel) -> TargetGovernor:
-    """Bounds that let a motion pass, and what a person adds to it follow.
-
-    Args:
-        motion: of the model.
-        model: of the robot.
-    """
+    """Bounds that let a motion pass, and what a person adds to it follow."""
     layout = model.layout
     count = int(min(max(motion.duration / 10e-3, 2), _MOST_SAMPLES))
     samples = np.array(

@@ -1,7 +1,5 @@
 """Targets of a motion that can be stopped, moved by what a person adds to them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -76,12 +74,7 @@ class LiveSource(LeafSystem):
 
 
 def make_live(motion: DesiredMotion, model: ControlModel) -> DesiredMotion:
-    """The same motion, whose sources are `LiveSource`.
-
-    Args:
-        motion: of the model.
-        model: of the robot.
-    """
+    """The same motion, whose sources are `LiveSource`."""
 
     def task_source() -> LiveSource:
         return LiveSource(

@@ -1,7 +1,5 @@
 """Simulated time against the clock on the wall: speed, pause, and how late it is."""
 
-from __future__ import annotations
-
 from collections import deque
 
 # More than this is not made up for: a simulation that was held up goes on at the wished

@@ -4,8 +4,6 @@ Its scripts share how robots are looked at, and how targets and near pairs are d
 with those of the recorded page.
 """
 
-from __future__ import annotations
-
 import html
 import json
 from importlib import resources

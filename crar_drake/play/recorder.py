@@ -1,7 +1,5 @@
 """The log of a simulation whose end nobody knows: its last minutes."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import replace
@@ -58,11 +56,7 @@ class Recorder:
             self._pieces.popleft()
 
     def log(self, scenario: Scenario) -> SimulationLog:
-        """All pieces in one.
-
-        Args:
-            scenario: to be written into it.
-        """
+        """All pieces in one."""
         last = self._piece(scenario)
         pieces = [*self._pieces, last]
         return replace(

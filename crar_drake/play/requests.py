@@ -14,8 +14,6 @@
 Nothing in a request is run, and names are looked up among those of the robot.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable
@@ -59,9 +57,6 @@ class Request:
 def parse(body: bytes) -> Request:
     """Reads a request.
 
-    Args:
-        body: as it came, without trust.
-
     Raises:
         RequestError: it is no request.
     """
@@ -86,7 +81,7 @@ def parse(body: bytes) -> Request:
     return Request(
         said["do"],
         None if read is None else read(said["value"]),
-        _whole(said["task"]) if "task" in more else 0,
+        int(_number(said["task"], 0, _MOST_TASKS)) if "task" in more else 0,
         _name(said["frame"]) if "frame" in more else "",
     )
 
@@ -98,10 +93,6 @@ def _number(value: object, least: float, most: float) -> float:
     if not (least <= value <= most and math.isfinite(value)):
         raise RequestError(f"{str(value)[:40]} is not from {least:g} to {most:g}")
     return float(value)
-
-
-def _whole(value: object) -> int:
-    return int(_number(value, 0, _MOST_TASKS))
 
 
 def _name(value: object) -> str:

@@ -1,7 +1,5 @@
 """What is left of a session: the files of a run, made of its log."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The loop of `crar-drake play`: real time, requests, pictures, and the end."""
 
-from __future__ import annotations
-
 import gc
 import queue
 import time
@@ -117,11 +115,7 @@ class PlaySession:
             gc.unfreeze()
 
     def end(self, reported: str = "") -> None:
-        """Ends the page.
-
-        Args:
-            reported: what it says from then on.
-        """
+        """Ends the page."""
         if reported:
             self._server.show({"ended": reported})
         self._server.close()
@@ -152,11 +146,7 @@ class PlaySession:
         self._server.show(self._scene.frame(self.pacer, now, self._notice))
 
     def _answer(self, wait: float) -> None:
-        """Does all that is asked for; waits for the first of it.
-
-        Args:
-            wait: at most so long [s].
-        """
+        """Does all that is asked for; waits so long at most [s] for the first of it."""
         try:
             request = self._server.requests.get(timeout=wait) if wait > 0.0 else None
             while True:

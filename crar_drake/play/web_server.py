@@ -12,8 +12,6 @@ It runs in threads of its own, that only hand things over: they never touch the
 simulation or Meshcat.
 """
 
-from __future__ import annotations
-
 import json
 import queue
 import re
@@ -82,12 +80,7 @@ class PlayServer:
         return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
 
     def start(self, page: str, viewer: bytes) -> None:
-        """Begins to serve.
-
-        Args:
-            page: HTML.
-            viewer: the script of Meshcat's viewer.
-        """
+        """Begins to serve."""
         self._files = {
             "/": ("text/html; charset=utf-8", page.encode()),
             "/meshcat.js": ("text/javascript; charset=utf-8", viewer),

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake.errors import MotionError
+from crar_drake.errors import MotionError, nearest
 from crar_drake.motion.robots_own import SUFFIXES
-from crar_drake.nearest import nearest
 from crar_drake.references.robot_motion import RobotMotion
 
 

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from crar_drake.errors import MotionError
+from crar_drake.errors import MotionError, nearest
 from crar_drake.motion.rates import SLOWEST, rate_doubt, rate_meant
 from crar_drake.motion.robots_own import SUFFIXES
-from crar_drake.nearest import nearest
 from crar_drake.references import locomujoco_npz
 from crar_drake.references.csv_layouts import read_csv, write_csv
 from crar_drake.references.layouts import (

@@ -21,7 +21,7 @@ from crar_drake.robot.description import (
     add_robot,
     find_frame,
 )
-from crar_drake.robot.speed_limits import speed_limits
+from crar_drake.robot.joints import speed_limits
 
 # What moves the root link follows the motion's waist; joints that are only held do not.
 _HELD = "hold"

@@ -7,8 +7,6 @@ referee, which shares nothing with the controller. Samples can refute a bound, n
 prove it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 
@@ -215,10 +213,6 @@ class Moves:
     """
 
     def __init__(self, plant: MultibodyPlant) -> None:
-        """
-        Args:
-            plant: finalized.
-        """
         self._plant, self._context = plant, plant.CreateDefaultContext()
         self._free: list[tuple[int, int]] = []
         rates = []  # of all but quaternions: which velocity is whose rate

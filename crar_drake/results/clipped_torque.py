@@ -5,8 +5,6 @@ Where not even braking is within the effort limits, torques are clipped, and it 
 not.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.control.effort_limits import NO_EXCESS

@@ -1,7 +1,5 @@
 """A log's columns of the controlled joints."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 """How a run stood on the floor: slip of feet, what was below the floor, and whether the
 ground could carry it."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 
 import numpy as np

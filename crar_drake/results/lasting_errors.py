@@ -1,7 +1,5 @@
 """Tasks that a run never reached: said aloud, for their points are likely wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.results.log import SimulationLog

@@ -5,8 +5,6 @@ from them while the posture is right. The angle between limbs is another figure 
 error of points, and depends on no length.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The motion of a run as a reference motion: from a log to a file of any layout."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 
@@ -22,10 +20,6 @@ _UNEVEN = 1e-3
 
 def motion_of_log(log: SimulationLog, robot: WholeBody) -> RobotMotion:
     """The root's poses and all joints of the simulated robot, sample by sample.
-
-    Args:
-        log: with two samples at least.
-        robot: that was simulated.
 
     Raises:
         MotionError: there are fewer samples, or they are not evenly spaced.

@@ -1,13 +1,11 @@
 """Scenario and robot of a saved log; the robot may have moved or changed since."""
 
-from __future__ import annotations
-
 from pydrake.multibody.plant import MultibodyPlant
 
 from crar_drake.errors import CrarError, ModelError
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import RobotDescription, load_robot_description
-from crar_drake.robot.joint_names import names_by_joint
+from crar_drake.robot.joints import names_by_joint
 from crar_drake.simulation.scenario import Scenario, parse_scenario
 
 

@@ -3,8 +3,6 @@
 One colour has one meaning wherever a run is drawn.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.control.records import STATUS_BLENDING, STATUS_BRAKING
@@ -65,9 +63,6 @@ def marked_spans(log: SimulationLog) -> dict[str, list[tuple[float, float]]]:
     """When the controller blended onto targets, braked, or was limited in torque.
 
     A sample stands for the time until the next one.
-
-    Args:
-        log: of the run.
 
     Returns:
         For each key of `SPANS` the spans (start, end) [s], in order.

@@ -5,8 +5,6 @@ another, links are coloured: by the triangles of their meshes, or where these ar
 judged by their capsules.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What obstacles that move did in a run, by the independent judge."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ one gzip stream that shrinks to a third or less. `page/unpack.js` undoes it, wit
 browser's own DecompressionStream.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 import re

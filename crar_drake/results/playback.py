@@ -3,8 +3,6 @@
 `record_log` and `compare_logs` make it without simulating again.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The one-page plot of a run."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -6,8 +6,6 @@ the time line. Runs come from logs (`playback`), reference motions from their fi
 (`crar_drake.results.motion_page`).
 """
 
-from __future__ import annotations
-
 import html
 import json
 import os
@@ -19,11 +17,11 @@ from importlib import resources
 import numpy as np
 from pydrake.geometry import Meshcat
 
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.results import marks
 from crar_drake.results.packed_page import packed_array, packed_page
 from crar_drake.results.recorded_run import DrawnRobot, RecordedRun
-from crar_drake.simulation.visualization import (
+from crar_drake.simulation.visuals import (
     GRID,
     VIEW_PITCH,
     VIEW_YAW,
@@ -135,8 +133,7 @@ def write_page(
         "outline": _rounded(outline.ravel(), 4),
     }
     page = packed_page(_page(meshcat.StaticHtml(), data), arrays)
-    with whole_file(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_whole(path, page)
 
 
 def page_look() -> dict:

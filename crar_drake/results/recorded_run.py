@@ -4,8 +4,6 @@
 the targets and the points that should be there, and where watched pairs are nearest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -19,7 +17,7 @@ from pydrake.geometry import (
     SceneGraphInspector,
     Sphere,
 )
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
@@ -155,7 +153,9 @@ class DrawnRobot:
         self._moving: list[tuple[RigidBody, np.ndarray]] = []
         fixed = [np.empty((0, 3))]
         anchored = self.plant.GetBodiesWeldedTo(self.plant.world_body())
-        for body in map(self.plant.get_body, _body_indices(self.plant)):
+        for body in map(
+            self.plant.get_body, map(BodyIndex, range(self.plant.num_bodies()))
+        ):
             frame = self.plant.GetBodyFrameIdOrThrow(body.index())
             shown = inspector.GetGeometries(frame, Role.kIllustration)
             name = inspector.GetName(frame).replace("::", "/")
@@ -334,10 +334,6 @@ def _near_spheres(points: np.ndarray, spheres: np.ndarray) -> np.ndarray:
     corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
     boxes = centres[near, None] + radii[near, None] * corners
     return boxes.reshape(-1, 3)
-
-
-def _body_indices(plant: MultibodyPlant) -> list[BodyIndex]:
-    return [BodyIndex(i) for i in range(plant.num_bodies())]
 
 
 def _corners(

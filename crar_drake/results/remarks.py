@@ -4,8 +4,6 @@ Every threshold stands here, with its reason. What penetrates, or is beyond a li
 a violation, and no matter of a threshold: the figures have it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 Drake's VTK renderer draws them; it needs no display.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How a robot stood in a run: what was measured of it, and the figures."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

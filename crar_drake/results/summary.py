@@ -1,7 +1,5 @@
 """The figures of one run: what `summary.json` holds and the table shows."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """The actuators of a plant: which effort moves which joint, and how strong they are."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 

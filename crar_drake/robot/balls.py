@@ -1,7 +1,5 @@
 """The balls about the watched shapes of a robot's links."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Signed distances of the watched segment pairs, from SceneGraph's shapes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -325,9 +323,6 @@ class WatchedPairs:
 
     def ask(self, queries: Sequence[QueryObject]) -> np.ndarray:
         """SceneGraph's answers for the shapes without a closed form.
-
-        Args:
-            queries: one of each of K configurations.
 
         Returns:
             (K Nq, 7) distance [m], normal from b to a, point on a, in W.

@@ -22,8 +22,7 @@ from pydrake.multibody.tree import (
     SpatialInertia,
 )
 
-from crar_drake.errors import ModelError
-from crar_drake.nearest import nearest
+from crar_drake.errors import ModelError, check_vector, nearest
 from crar_drake.resources import data_folder, imported_robots_folder, install_command
 from crar_drake.robot.environment import Fixture, add_environment
 from crar_drake.robot.moving_pelvis import SLIDES, MovingPelvis
@@ -142,11 +141,7 @@ class RobotDescription:
             )
         for name in ("xyz", "rpy"):
             value = getattr(self.root_pose, name)
-            if np.shape(value) != (3,) or not np.isfinite(value).all():
-                raise ModelError(
-                    f"robot {self.name}: root_pose.{name}: {value} must be three "
-                    "finite numbers"
-                )
+            check_vector(f"robot {self.name}: root_pose.{name}", value, ModelError)
         for pair in self.pairs:
             if len(pair) != 2 or pair[0] == pair[1]:
                 raise ModelError(
@@ -485,10 +480,6 @@ def find_root(
     plant: MultibodyPlant, description: RobotDescription
 ) -> QuaternionFloatingJoint | None:
     """The joint by which a robot's base floats; None if nothing does.
-
-    Args:
-        plant: finalized.
-        description: of the robot in it.
 
     Raises:
         ModelError: something floats (or turns as a ball) of which the description does

@@ -18,7 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from crar_drake.errors import ModelError
+from crar_drake.errors import ModelError, check_vector
 from crar_drake.resources import install_command
 from crar_drake.robot.mesh_files import Y_UP, Z_UP, read_meshes
 
@@ -60,11 +60,7 @@ class Fixture:
         if not math.isfinite(self.scale) or abs(self.scale) < _SMALLEST_SCALE:
             raise ModelError(f"{where}: scale: {self.scale} must be a number, not 0")
         for name in ("xyz", "rpy"):
-            value = getattr(self, name)
-            if np.shape(value) != (3,) or not np.isfinite(value).all():
-                raise ModelError(
-                    f"{where}: {name}: {value} must be three finite numbers"
-                )
+            check_vector(f"{where}: {name}", getattr(self, name), ModelError)
 
 
 def add_environment(

@@ -1,7 +1,5 @@
 """Convex hulls: what a box, a convex shape or a mesh of SceneGraph's is taken for."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product

@@ -1,7 +1,5 @@
 """Which of a plant's positions and velocities are controlled, and which prescribed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

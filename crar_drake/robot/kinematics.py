@@ -1,7 +1,5 @@
 """Drake's plant as the tree of frames that `equations.kinematics` computes with."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 
@@ -41,9 +39,6 @@ class JointTree:
 
     def __init__(self, plant: MultibodyPlant) -> None:
         """
-        Args:
-            plant: finalized.
-
         Raises:
             ModelError: a joint is not free, and its velocities are not the rates of its
                 positions.
@@ -184,11 +179,7 @@ def _screw_axis(joint: ScrewJoint, plant: MultibodyPlant) -> np.ndarray:
 def _motions(
     joint: Joint, plant: MultibodyPlant
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The turn and the slide of each of a joint's velocities, one after the other.
-
-    Raises:
-        ModelError: a joint whose velocities are not the rates of its positions.
-    """
+    """The turn and the slide of each of a joint's velocities, one after the other."""
     if isinstance(joint, RevoluteJoint):
         return [(joint.revolute_axis(), _NONE)]
     if isinstance(joint, PrismaticJoint):

@@ -29,11 +29,10 @@ from crar_drake.robot.description import (
     find_joint,
     find_root,
 )
-from crar_drake.robot.joint_names import check_described_joints, names_by_joint
 from crar_drake.robot.joint_places import find_places
+from crar_drake.robot.joints import check_described_joints, names_by_joint, speed_limits
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot.points import numbers_of_robot
-from crar_drake.robot.speed_limits import speed_limits
 from crar_drake.robot.task import Task
 from crar_drake.robot.task_targets import find_targets
 from crar_drake.robot.workspace import Distances, ModelState, Workspace

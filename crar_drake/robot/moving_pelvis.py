@@ -1,7 +1,5 @@
 """How a base slides over soles that stand, and how its legs follow."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

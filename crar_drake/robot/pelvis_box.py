@@ -25,8 +25,6 @@ those of T'. This gives, over cells that are halved until it is so:
 Joints, their limits and speeds are polynomials, whose rates are bounded alike.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

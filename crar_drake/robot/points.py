@@ -1,7 +1,5 @@
 """The points of a robot whose positions a control step needs, and what moves them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

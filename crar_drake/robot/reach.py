@@ -1,7 +1,5 @@
 """How far joints can move a robot's watched shapes, in any configuration."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

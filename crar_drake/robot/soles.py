@@ -1,7 +1,5 @@
 """What a robot stands with: its masses, and the wrenches that the ground can give."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -108,10 +106,6 @@ def _pelvis(model: ControlModel) -> MovingPelvis | None:
 def _on_soles(model: ControlModel) -> set[int]:
     """Indices of the bodies that stand on the soles: what is joined to their links,
     however, but through the world. What is above a sole of the world is all there is.
-
-    Raises:
-        ModelError: soles are joined by the world alone, or something that moves is none
-            of these bodies.
     """
     plant, soles = model.plant, model.description.soles
     world = int(plant.world_body().index())

@@ -1,7 +1,5 @@
 """A robot that stands still on its soles, as the law sees it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 
@@ -18,7 +16,7 @@ from crar_drake.robot.description import (
     add_robot,
     find_body,
 )
-from crar_drake.robot.joint_names import names_by_joint
+from crar_drake.robot.joints import names_by_joint
 from crar_drake.robot.moving_pelvis import SLIDES
 from crar_drake.robot.pelvis_box import moving_pelvis
 
@@ -119,10 +117,6 @@ def standing_description(
 
 def leg_joints(plant: MultibodyPlant, description: RobotDescription) -> list[Joint]:
     """The joints between a robot's base and its soles, each once, from the soles up.
-
-    Args:
-        plant: finalized, with the robot.
-        description: of the robot, with soles.
 
     Raises:
         ModelError: there is no such base or sole, or no joint between them.

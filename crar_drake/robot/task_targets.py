@@ -1,7 +1,5 @@
 """What tasks mean in a plant: frames, points and joints."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,8 +7,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 
 from crar_drake.equations.tasks import TaskLayout
-from crar_drake.errors import ModelError
-from crar_drake.nearest import nearest
+from crar_drake.errors import ModelError, nearest
 from crar_drake.robot.description import RobotDescription, find_frame, frame_names
 from crar_drake.robot.task import Task
 

@@ -1,7 +1,5 @@
 """The links that obstacles are kept from, with their balls and reaches."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.moving_obstacles import Links

@@ -92,11 +92,6 @@ class Workspace:
     def __init__(
         self, diagram: Diagram, plant: MultibodyPlant, scene_graph: SceneGraph
     ) -> None:
-        """
-        Args:
-            diagram: that has the other two.
-            plant, scene_graph: of the model.
-        """
         self._systems = diagram, plant, scene_graph
         # The roots must be kept alive: the others are parts of them.
         self._roots = [diagram.CreateDefaultContext() for _ in range(2)]

@@ -1,7 +1,5 @@
 """What in an import looks wrong, or leaves the robot unprotected: said aloud."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ with at least four joints. The robot is to be given in a frame with x forward an
 (`facing`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What kind of body a robot has, where it is none that a person's motion fits."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from crar_drake.errors import ModelError
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.robot.description import check_soles
 from crar_drake.yaml_files import load_yaml, read_text
 
@@ -122,7 +122,7 @@ class ImportChoices:
     excess: float = 0.02
     most_capsules: int = 16
     cover: bool = False
-    faces: int = 2500
+    faces: int = 2500  # a whole robot's recorded page is below 10 MB then
 
     def validate(self, where: str) -> None:
         """Checks what can be checked without the URDF.
@@ -217,8 +217,7 @@ def save_choices(path: Path, choices: ImportChoices, guessed: dict[str, str]) ->
         return
     for key, how in guessed.items():
         text += "\n" + _block(key, getattr(choices, key), how)
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_whole(path, text)
 
 
 def _block(key: str, value, how: str) -> str:

@@ -6,8 +6,6 @@ pieces are small, each piece is given to the capsule that needs to grow the leas
 hold its three corners, and a capsule, which is convex, holds the piece with them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -52,12 +50,7 @@ def cover(capsules: tuple[FittedCapsule, ...], parts: list[Part]) -> list[float]
 
 
 def covered(fit: Fit, parts: list[Part]) -> tuple[Fit, float]:
-    """A fit with its capsules grown to hold all triangles; and the largest growth [m].
-
-    Args:
-        fit: of the link.
-        parts: the link's triangles, in its frame.
-    """
+    """A fit whose capsules are grown to hold all triangles; the largest growth [m]."""
     growth = cover(fit.capsules, parts)
     capsules = tuple(
         replace(capsule, radius=capsule.radius + more)

@@ -1,8 +1,6 @@
 """Which way is up on a robot, and which way it looks: from the symmetry of its limbs,
 their names, and its feet."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -62,9 +60,6 @@ def guess_up(robot: SourceRobot) -> str:
 
     It is z, as is usual, unless arms with two legs below them are found for another one
     only; or arms above the root link for another one, and for z none at all.
-
-    Args:
-        robot: as the URDF has it.
     """
     with_arms = []
     for up in _AXES:

@@ -1,7 +1,5 @@
 """Fits that an earlier import made are used again: fitting takes most of the time."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Sequence
@@ -9,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.robot_import import capsule_fitting
 from crar_drake.robot_import.capsule_fitting import Fit, FittedCapsule, fit_link
 from crar_drake.robot_import.meshes import Part
@@ -44,8 +42,7 @@ class FitCache:
 
     def save(self) -> None:
         """Keeps what this import used."""
-        with whole_file(self._path) as temporary:
-            temporary.write_text(json.dumps(self._used))
+        write_whole(self._path, json.dumps(self._used))
 
     def _key(self, parts: list[Part], bounds: str) -> str:
         digest = hashlib.sha256(self._code)

@@ -1,7 +1,5 @@
 """What an import tells of what it made of a robot."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path

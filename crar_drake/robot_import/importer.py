@@ -1,7 +1,5 @@
 """The whole way from a robot's file to a folder that the controller can use."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +8,8 @@ import numpy as np
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from crar_drake.errors import ModelError
-from crar_drake.files import whole_file, whole_set
-from crar_drake.nearest import nearest
+from crar_drake.errors import ModelError, nearest
+from crar_drake.files import whole_set, write_whole
 from crar_drake.robot.description import (
     IMPORT_FILE,
     RobotDescription,
@@ -186,8 +183,7 @@ def import_robot(
             made, robot, locked, parts, segments, fits, choices, report, progress, file
         )
         save_choices(file, choices, report.guessed)
-        with whole_file(made / REPORT) as temporary:
-            temporary.write_text("\n".join(report.lines()) + "\n", encoding="utf-8")
+        write_whole(made / REPORT, "\n".join(report.lines()) + "\n")
         remove_old_triangles(made, out)
     cache.save()
     return report
@@ -317,11 +313,7 @@ def _check_given(
     srdf: str,
     posture: str,
 ) -> None:
-    """What an import file says is changed there, by no option.
-
-    Raises:
-        ModelError: an option says something else; the message names what to write.
-    """
+    """What an import file says is changed there, by no option."""
 
     def refuse(entry: str, outdated: str = "") -> None:
         take_out = f", take out {outdated}," if outdated else ""

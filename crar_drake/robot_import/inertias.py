@@ -1,7 +1,5 @@
 """Inertias that are missing, zero or impossible, and what stands in for them."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import RotationalInertia

@@ -1,7 +1,5 @@
 """Which part of the body each joint moves, and by that which joints are locked."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

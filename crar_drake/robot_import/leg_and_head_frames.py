@@ -1,7 +1,5 @@
 """A first guess at a motion's points on legs and head, and at knees that are bent."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

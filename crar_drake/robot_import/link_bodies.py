@@ -1,7 +1,5 @@
 """What links are made of: capsules that others enclose, inertias that dynamics need."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.robot_import.capsule_fitting import coverage

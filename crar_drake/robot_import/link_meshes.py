@@ -1,7 +1,5 @@
 """The real shape of each link of a plant, as triangles."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The outermost points of a robot's links: what could touch the ground."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

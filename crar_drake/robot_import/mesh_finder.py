@@ -1,7 +1,5 @@
 """Where the meshes of a URDF or SDF are."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path

@@ -15,12 +15,9 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from crar_drake.errors import ModelError
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.robot.mesh_files import Y_UP, Z_UP, read_meshes
 from crar_drake.robot_import.source_robot import Link, Mesh, Shape, SourceRobot
-
-# A recorded page carries every mesh; this keeps a whole robot below 10 MB.
-DEFAULT_FACES = 2500
 
 _HEAD = 20_000  # bytes of a DAE file, which its asset element is within
 _GREY = (0.7, 0.7, 0.7, 1.0)
@@ -105,9 +102,6 @@ def guess_up_axis(robot: SourceRobot) -> tuple[str, str] | None:
 
     A link's mesh reaches from its own joint to those that it carries: of both readings
     that one is taken whose meshes are nearer to the joints.
-
-    Args:
-        robot: with its joints.
 
     Returns:
         "file" or "z" (`link_parts`), and how that was found; None where no mesh says
@@ -253,5 +247,4 @@ def write_obj(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
     """Writes an OBJ without normals, so that edges stay sharp when drawn."""
     lines = [f"v {x:.5f} {y:.5f} {z:.5f}" for x, y, z in vertices]
     lines += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + 1]
-    with whole_file(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n")
+    write_whole(path, "\n".join(lines) + "\n")

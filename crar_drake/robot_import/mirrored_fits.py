@@ -1,7 +1,5 @@
 """Capsules of all links; those of a link and of its mirror image are each other's."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 import numpy as np

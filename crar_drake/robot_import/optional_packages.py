@@ -1,7 +1,5 @@
 """What the extra `robots` brings, asked for before it is needed."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Mapping
 

@@ -5,8 +5,6 @@ minimised, from the postures in which it was least and from more random ones, by
 along its gradient within the joints' limits.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A picture of a robot's real meshes and of the capsules that stand for them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

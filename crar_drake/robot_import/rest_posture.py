@@ -1,7 +1,5 @@
 """The posture that a robot rests in, and how high it stands."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 

@@ -1,6 +1,4 @@
-"""Where a robot's file is, and what the robot is called after it."""
-
-from __future__ import annotations
+"""Where a robot's file is, what the robot is called after it; numbers in its XML."""
 
 import importlib.metadata
 import os
@@ -8,8 +6,9 @@ import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
-from crar_drake.errors import ModelError
-from crar_drake.nearest import nearest
+import numpy as np
+
+from crar_drake.errors import ModelError, nearest
 from crar_drake.resources import install_command
 
 # How an import names a file of that package, wherever it is installed.
@@ -116,10 +115,6 @@ def robot_name(name: str, path: Path) -> str:
 def read_xml(path: Path, what: str) -> ElementTree.Element:
     """The root element; Drake's prefix, which files use undeclared, is _drake_ in it.
 
-    Args:
-        path: of the file.
-        what: it should be, e.g. "a URDF".
-
     Raises:
         ModelError: it cannot be read, or is no XML.
     """
@@ -156,3 +151,39 @@ def xml_text(path: Path, what: str) -> str:
             f"{path}: not {what}: nobody knows its encoding, {encoding!r}"
         ) from None
     return _DECLARATION.sub("", text.lstrip("\ufeff"))
+
+
+def numbers_of(text: str | None, infinite: bool = False) -> tuple[float, ...]:
+    """Numbers in a text, also those that were written with commas.
+
+    "1.5 2 3", "1.5, 2, 3" and "1.5,2,3" are three numbers, "1,5" is one. ValueError
+    where something is none, NaN, or infinite if it must not be.
+    """
+    words = [word.strip(",") for word in (text or "").split()]
+    numbers = []
+    for word in words:
+        decimal = word.count(",") == 1 and "." not in word
+        pieces = [word.replace(",", ".")] if decimal else word.split(",")
+        for piece in pieces:
+            try:
+                numbers.append(float(piece))
+            except ValueError:
+                raise ValueError(f"{text!r} is not made of numbers") from None
+    if np.isnan(numbers).any() or not (infinite or np.isfinite(numbers).all()):
+        raise ValueError(f"{text!r} is not made of finite numbers")
+    return tuple(numbers)
+
+
+def three_numbers(text: str | None) -> tuple[float, ...]:
+    numbers = numbers_of(text)
+    if len(numbers) != 3:
+        raise ValueError(f"{text!r} is not three numbers")
+    return numbers
+
+
+def one_number(text: str, infinite: bool = False) -> float:
+    """The number that an attribute is; "1,5" is 1.5. ValueError if it is none."""
+    numbers = numbers_of(text, infinite)
+    if len(numbers) != 1:
+        raise ValueError(f"{text!r} is not a number")
+    return numbers[0]

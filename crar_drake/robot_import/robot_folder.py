@@ -1,13 +1,11 @@
 """The files of an imported robot's folder."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
 
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.robot.description import IMPORT_FILE, RobotDescription
 from crar_drake.robot_import.meshes import Part, simplified, write_obj
 from crar_drake.robot_import.picture import draw_robot
@@ -65,8 +63,7 @@ def write_description(out: Path, description: RobotDescription) -> None:
         f"# Made by crar-drake import-robot from {IMPORT_FILE}; change that one.\n"
         + yaml_dump_typed(written)
     )
-    with whole_file(out / DESCRIPTION) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_whole(out / DESCRIPTION, text)
 
 
 def draw_picture(out, plant, description, rest, parts, capsules) -> None:

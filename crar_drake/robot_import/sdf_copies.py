@@ -6,8 +6,6 @@ line for line, in which collisions are visuals of another name. Addresses in the
 absolute, looked for as those of a URDF are.
 """
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Sequence
@@ -43,12 +41,7 @@ class SdfCopies:
     """
 
     def __init__(self, folder: Path, package_paths: Sequence[Path]) -> None:
-        """Makes no copy yet.
-
-        Args:
-            folder: to write to, empty.
-            package_paths: folders that contain packages or models.
-        """
+        """Makes no copy yet."""
         self._folder, self._package_paths = folder, package_paths
         self._copies: dict[Path, Path] = {}
         self._open: set[Path] = set()  # whose copies are being made
@@ -138,13 +131,8 @@ def _blank(match: re.Match) -> str:
 def _with_addresses(
     text: str, blocks: re.Pattern, found: Callable[[str, str], Path]
 ) -> str:
-    """The text with the addresses in all such blocks replaced by files.
-
-    Args:
-        text: of the file.
-        blocks: what they stand in.
-        found: the file of an address and the line that it stands in, "line 7".
-    """
+    """The text with addresses in such blocks replaced by the files that are `found` of
+    an address and its line, "line 7"."""
 
     def replaced(block: re.Match) -> str:
         def file(uri: re.Match) -> str:

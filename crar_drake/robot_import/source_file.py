@@ -1,7 +1,5 @@
 """A robot's own file, whatever its format: URDF, SDF or MJCF."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -8,8 +8,6 @@ A body becomes a link with the body's frame. A joint that is not the only one of
 body, or is beside the body's origin, gets a link without geometry of its own.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
@@ -20,9 +18,12 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import ModelError
-from crar_drake.robot_import.mjcf_actuators import effort_limits
-from crar_drake.robot_import.mjcf_geoms import body_shapes, pose_of
-from crar_drake.robot_import.mjcf_keyframes import keyframe_posture
+from crar_drake.robot_import.mjcf_model import (
+    body_shapes,
+    effort_limits,
+    keyframe_posture,
+    pose_of,
+)
 from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.robot_files import default_name
 from crar_drake.robot_import.source_robot import (
@@ -44,9 +45,6 @@ def read_mjcf(path: Path) -> SourceRobot:
 
     Of a scene only the robot is taken: the free body with the most joints, or all
     that is mounted in the world and has joints.
-
-    Args:
-        path: of the file.
 
     Raises:
         ModelError: MuJoCo is not installed or cannot read the file, or the file has no

@@ -7,8 +7,6 @@ A joint whose frame is beside its child's origin gets a link without geometry, a
 the file's frames.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
@@ -209,7 +207,8 @@ class _Reader:
         looks = self._inspector.GetIllustrationProperties(geometry)
         rgba = None
         if looks.HasProperty("phong", "diffuse"):
-            rgba = _rgba(looks.GetProperty("phong", "diffuse"))
+            colour = looks.GetProperty("phong", "diffuse")
+            rgba = colour.r(), colour.g(), colour.b(), colour.a()
         return drake_shape(X_LG, self._inspector.GetShape(geometry), rgba)
 
     def _is_carried(self, joint: DrakeJoint) -> bool:
@@ -376,7 +375,3 @@ def _inertia(body: RigidBody) -> Inertia | None:
 
 def _limit(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
-
-
-def _rgba(colour) -> tuple[float, ...]:
-    return colour.r(), colour.g(), colour.b(), colour.a()

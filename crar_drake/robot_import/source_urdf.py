@@ -1,7 +1,5 @@
 """A robot's own URDF: where it is, what is in it, and what of it is not supported."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -10,10 +8,15 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from crar_drake.errors import ModelError
-from crar_drake.nearest import nearest
+from crar_drake.errors import ModelError, nearest
 from crar_drake.robot_import.mesh_finder import MeshFinder
-from crar_drake.robot_import.robot_files import read_xml, robot_name
+from crar_drake.robot_import.robot_files import (
+    numbers_of,
+    one_number,
+    read_xml,
+    robot_name,
+    three_numbers,
+)
 from crar_drake.robot_import.source_robot import (
     MOVING,
     WORLD,
@@ -24,7 +27,6 @@ from crar_drake.robot_import.source_robot import (
     Shape,
     SourceRobot,
 )
-from crar_drake.robot_import.xml_numbers import numbers_of, one_number, three_numbers
 
 # Drake's elements that close a chain, which the controller's model has no part for.
 _LOOPS = (

@@ -4,18 +4,14 @@ MoveIt's setup assistant writes such files, and many robots ship one. Of it two 
 are read: `group_state`, for the rest posture, and `disable_collisions`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from crar_drake.errors import ModelError
-from crar_drake.nearest import nearest
-from crar_drake.robot_import.robot_files import read_xml
+from crar_drake.errors import ModelError, nearest
+from crar_drake.robot_import.robot_files import one_number, read_xml
 from crar_drake.robot_import.source_robot import SourceRobot
-from crar_drake.robot_import.xml_numbers import one_number
 
 # What postures that a robot rests in are called, the first first.
 _RESTS = ("half_sitting", "standing", "home", "ready", "neutral", "default")
@@ -69,10 +65,6 @@ def read_srdf(path: Path, robot: SourceRobot) -> Semantics:
 
     Joints that the robot has not, as the virtual one of its root, are left out, and so
     are those of more numbers than one; positions beyond a limit are taken to it.
-
-    Args:
-        path: of the file.
-        robot: that it is of.
 
     Raises:
         ModelError: the file cannot be read, is no SRDF, or names no joint and no link

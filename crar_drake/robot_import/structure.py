@@ -1,12 +1,9 @@
 """Which way a robot stands, what of it is locked, where its points are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
-from crar_drake.errors import ModelError
-from crar_drake.nearest import nearest
+from crar_drake.errors import ModelError, nearest
 from crar_drake.robot.description import IMPORT_FILE
 from crar_drake.robot_import.alarms import coupling_alarms
 from crar_drake.robot_import.anatomy import elbow_index, find_anatomy

@@ -1,7 +1,5 @@
 """How far the surfaces of two links are apart, by their triangles."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from pydrake.math import RigidTransform
@@ -21,12 +19,7 @@ class Surfaces:
         self._trees: dict = {}
 
     def gap(self, X: Mapping[str, RigidTransform], a: str, b: str) -> float:
-        """Distance of the nearest triangles of two links; 0 where some intersect [m].
-
-        Args:
-            X: link to its pose.
-            a, b: the links.
-        """
+        """Distance of two links' nearest triangles; 0 where some intersect [m]."""
         import fcl
 
         placed = [

@@ -5,8 +5,6 @@ the pair then cannot be watched, if that is so at rest, or the joints between th
 lose much of their ranges. Such links are fitted again, with a smaller excess.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

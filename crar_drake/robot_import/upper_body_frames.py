@@ -1,8 +1,6 @@
 """A first guess at a motion's points on arms, neck and waist, and at a single arm's
 tool."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The URDF that the controller uses: joints welded, a prescribed base, capsules."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

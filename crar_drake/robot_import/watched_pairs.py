@@ -1,13 +1,10 @@
 """Which links are watched against each other and against the ground."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from pathlib import Path
 
-from crar_drake.errors import ModelError
-from crar_drake.nearest import nearest
+from crar_drake.errors import ModelError, nearest
 from crar_drake.robot.description import GROUND
 from crar_drake.robot_import.anatomy import (
     elbow_index,

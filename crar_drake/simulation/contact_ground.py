@@ -1,7 +1,5 @@
 """A floor that a robot stands on by its soles, in Drake's contact simulation."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,

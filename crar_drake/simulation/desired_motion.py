@@ -1,7 +1,5 @@
 """What a scenario's robot is to follow: from a motion or from keyframes."""
 
-from __future__ import annotations
-
 from pydrake.systems.primitives import ConstantVectorSource
 
 from crar_drake.errors import ScenarioError

@@ -1,7 +1,5 @@
 """Builders: the controller in anybody's diagram, and one whole diagram."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -45,8 +43,7 @@ from crar_drake.simulation.scenario import (
     check_experiment,
     check_periods,
 )
-from crar_drake.simulation.visualization import set_surroundings
-from crar_drake.simulation.visuals import draw_collision_shapes
+from crar_drake.simulation.visuals import draw_collision_shapes, set_surroundings
 from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.start_pose import solve_start_pose
 from crar_drake.targets.whole_body import follows_legs, with_joints

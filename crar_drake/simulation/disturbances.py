@@ -18,7 +18,7 @@ from pydrake.systems.framework import (
 )
 
 from crar_drake.equations.tasks import TaskLayout
-from crar_drake.errors import ScenarioError
+from crar_drake.errors import ScenarioError, check_vector
 from crar_drake.robot.description import find_frame, quaternion_starts
 
 
@@ -109,10 +109,7 @@ class Disturbances:
             (f"push on {push.frame}: force", push.force) for push in self.pushes
         ]
         for name, vector in vectors:
-            if np.shape(vector) != (3,) or not np.isfinite(vector).all():
-                raise ScenarioError(
-                    f"disturbances.{name}: {vector} must be three finite numbers"
-                )
+            check_vector(f"disturbances.{name}", vector)
 
 
 def applied_force(
@@ -143,11 +140,6 @@ class PushSource(LeafSystem):
         self, plant: MultibodyPlant, task_frames: dict[str, str], pushes: list[Push]
     ) -> None:
         """
-        Args:
-            plant: finalized.
-            task_frames: of the robot description.
-            pushes: whose frames are in the plant.
-
         Raises:
             ModelError: there is no such frame.
         """

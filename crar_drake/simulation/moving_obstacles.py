@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from crar_drake.errors import ScenarioError
+from crar_drake.errors import ScenarioError, check_vector
 
 # What rounding may add to the speed between two keyframes [1].
 _ROUNDING = 1e-9
@@ -112,8 +112,7 @@ class MovingObstacle:
         return float(speeds[k]), f" from {times[k]:g} to {times[k + 1]:g} s"
 
     def _check_vector(self, what: str, value: list[float]) -> None:
-        if np.shape(value) != (3,) or not np.isfinite(value).all():
-            raise self._wrong(what, f"{value} must be three finite numbers")
+        check_vector(f"obstacle {self.name}: {what}", value)
 
     def _wrong(self, key: str, why: str) -> ScenarioError:
         return ScenarioError(f"obstacle {self.name}: {key}: {why}")
@@ -135,10 +134,6 @@ class ObstacleSource(LeafSystem):
     """
 
     def __init__(self, obstacles: Sequence[MovingObstacle]) -> None:
-        """
-        Args:
-            obstacles: validated.
-        """
         super().__init__()
         self.set_name("obstacles")
         self._obstacles = tuple(obstacles)

@@ -17,11 +17,9 @@ from pydrake.visualization import VisualizationConfig
 
 from crar_drake.control import modes
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.drake_versions import settings_of_others
-from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.errors import ModelError, ScenarioError, nearest
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
 from crar_drake.motion.options import MotionOptions
-from crar_drake.nearest import nearest
 from crar_drake.resources import data_folder
 from crar_drake.robot.description import RobotDescription, is_path
 from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY, Task, experiment_tasks
@@ -414,10 +412,6 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     A setting of another Drake's that says what this one does anyway is left out: a
     log may come from there.
 
-    Args:
-        text: YAML.
-        source: what to call it in messages.
-
     Raises:
         ScenarioError: as `load_scenario`.
     """
@@ -435,3 +429,27 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     except ScenarioError as error:
         raise ScenarioError(f"{source}: {error}") from error
     return scenario
+
+
+# Drake's configuration and a setting that only some versions have, with what the others
+# do instead. A scenario in a log has every setting of the Drake that wrote it.
+_SETTINGS_OF_SOME = {
+    # 1.51, no longer 1.58
+    ("simulator_config", "publish_every_time_step"): (SimulatorConfig, False),
+    # 1.58, not yet 1.51
+    ("visualization", "mouse_interaction_stiffness"): (VisualizationConfig, 100.0),
+}
+
+
+def settings_of_others() -> dict[tuple[str, str], bool | float]:
+    """Settings of a scenario that the Drake which is installed does not have.
+
+    Returns:
+        The way to each, its two keys, to what this Drake does anyway. A scenario that
+        asks for that can be read without the setting.
+    """
+    return {
+        way: usual
+        for way, (config, usual) in _SETTINGS_OF_SOME.items()
+        if way[1] not in {field.name for field in config().__fields__}
+    }

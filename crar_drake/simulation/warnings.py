@@ -1,7 +1,5 @@
 """What a run can report to its user that is no mistake, but perhaps not meant."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator
 

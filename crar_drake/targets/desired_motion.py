@@ -1,7 +1,5 @@
 """What a robot is to follow, wherever it comes from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from crar_drake.errors import ScenarioError
+from crar_drake.errors import ScenarioError, check_vector
 from crar_drake.motion.quaternion_spline import QuaternionSpline
 
 
@@ -56,18 +56,11 @@ class KeyframeTrajectory:
                 f"keyframes of task {name}: their times must increase: {times.tolist()}"
             )
         for frame in keyframes:
+            where = f"keyframes of task {name}, time {frame.time:g}"
             for key in ("xyz", "rpy_deg"):
-                value = getattr(frame, key)
-                if np.shape(value) != (3,) or not np.isfinite(value).all():
-                    raise ScenarioError(
-                        f"keyframes of task {name}, time {frame.time:g}: {key}: "
-                        f"{value} must be three finite numbers"
-                    )
+                check_vector(f"{where}: {key}", getattr(frame, key))
             if not np.isfinite(frame.joint):
-                raise ScenarioError(
-                    f"keyframes of task {name}, time {frame.time:g}: joint: "
-                    f"{frame.joint} must be finite"
-                )
+                raise ScenarioError(f"{where}: joint: {frame.joint} must be finite")
         self.start, self.end = float(times[0]), float(times[-1])
         self._position = CubicSpline(
             times, [frame.xyz for frame in keyframes], bc_type="clamped"

@@ -1,7 +1,5 @@
 """From a motion's name to what a robot is to follow."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

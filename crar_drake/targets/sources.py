@@ -1,7 +1,5 @@
 """What the controller is asked to track: systems that emit `desired_tasks`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
@@ -69,10 +67,6 @@ class PoseTrajectorySource(TimeFunctionSource):
         self, layout: TaskLayout, trajectories: Mapping[str, PoseTrajectory]
     ) -> None:
         """
-        Args:
-            layout: the controller's tasks.
-            trajectories: task name to its way.
-
         Raises:
             ScenarioError: a task has no keyframes, or keyframes no task.
         """

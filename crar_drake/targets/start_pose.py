@@ -1,16 +1,13 @@
 """A constraint-valid pose to start from."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
 from crar_drake.equations.composite_weight import composite_index
 from crar_drake.equations.joint_limits import limit_potential
-from crar_drake.equations.paper import PaperGains
+from crar_drake.equations.paper import PaperGains, start_step
 from crar_drake.equations.references import error_from_targets
-from crar_drake.equations.start_step import start_step
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import ModelState
 

@@ -1,7 +1,5 @@
 """Ways of points and frames that a motion moves, with their derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.trajectories import BsplineTrajectory
 

@@ -1,7 +1,5 @@
 """A whole body's retargeted motion as what tasks and root are asked for, over time."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation

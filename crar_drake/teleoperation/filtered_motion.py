@@ -1,7 +1,5 @@
 """The robot that `crar-drake serve --joints` moves, by what the safety filter says."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

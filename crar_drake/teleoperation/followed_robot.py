@@ -1,7 +1,5 @@
 """How closely the robot follows what it is told, by what it says of itself."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence

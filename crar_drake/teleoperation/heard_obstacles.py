@@ -1,7 +1,5 @@
 """The obstacles that somebody told of, where they may be at any time since."""
 
-from __future__ import annotations
-
 from crar_drake.control.obstacles import Obstacles
 from crar_drake.teleoperation.messages import Heard, MessageError, ObstacleMessage
 

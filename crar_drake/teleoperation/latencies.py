@@ -1,7 +1,5 @@
 """Percentiles of a time that is measured for hours, in a memory that does not grow."""
 
-from __future__ import annotations
-
 import numpy as np
 
 _BIN = 1e-5  # [s]

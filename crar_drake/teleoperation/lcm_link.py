@@ -9,8 +9,6 @@ carries what goes back: `q.JOINT` [rad or m], `v.JOINT`, `tau.ACTUATOR` [Nm or N
 `braking`, 1 or 0. A time stamp of 0 is none.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Collection
 from functools import partial

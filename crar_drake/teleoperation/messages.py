@@ -26,8 +26,6 @@ Numbers are all that is taken from a message: nothing in it is run, and no name 
 looked up but among those of the tasks, joints and obstacles that were told before.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Collection, Mapping
@@ -130,11 +128,6 @@ def parse(
     joints: Collection[str] = (),
 ) -> TargetMessage | Measured | ObstacleMessage | Describe | Drive:
     """Reads one line.
-
-    Args:
-        line: as it came, without trust.
-        layout: of the tasks.
-        joints: that can be measured.
 
     Raises:
         MessageError: it is too long, no JSON object, has a key that is not known, a

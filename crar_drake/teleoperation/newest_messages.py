@@ -1,7 +1,5 @@
 """The newest messages of each sender, where there are more than can be read."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Hashable, Iterator
 

@@ -1,7 +1,5 @@
 """The robot that a filter for teleoperation moves: what the control law says, done."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -18,8 +16,7 @@ from crar_drake.control.records import (
 )
 from crar_drake.control.safety_filter import OBSTACLE
 from crar_drake.equations.admission import CORRECTED, SCALED
-from crar_drake.errors import ScenarioError
-from crar_drake.nearest import nearest
+from crar_drake.errors import ScenarioError, nearest
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
 

@@ -7,8 +7,6 @@ socket is emptied all the same, so that nothing grows old in it, and of what is 
 the newest of each sender are judged before the step.
 """
 
-from __future__ import annotations
-
 import gc
 import json
 import math
@@ -356,11 +354,8 @@ class TeleoperationServer:
             self._receive_lcm(until)
 
     def _receive(self, until: float = math.inf) -> None:
-        """Reads what is there. Beyond the period's budget the newest are kept.
-
-        Args:
-            until: when the next step is due [s]; what is read later is kept, too.
-        """
+        """Reads what is there. What is beyond the period's budget, or read later than
+        `until` [s], is kept, the newest of it."""
         for _ in range(_MOST_AT_ONCE):
             try:
                 data, sender = self._socket.recvfrom(LONGEST + 1)

@@ -1,7 +1,5 @@
 """A server from a scenario: its robot, its tasks, its gains."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

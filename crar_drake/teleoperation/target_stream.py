@@ -1,7 +1,5 @@
 """Targets as they arrive, judged, and as the control law wants them at each instant."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """The adversary's attacks written for the peers, and who judges them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Peers as filters of references: the problem, the loop, the choice, the judging."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Other robots for the peers: scenes, welded joints, points, and one root."""
 
-from __future__ import annotations
-
 import json
 import xml.etree.ElementTree as ET
 

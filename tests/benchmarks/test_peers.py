@@ -1,7 +1,5 @@
 """The problem and the judging of benchmarks/peers, without the peers."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The scenes of benchmarks/peers with spheres that move, without the peers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Targets, files and judge of the comparison of controllers of a robot that stands."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

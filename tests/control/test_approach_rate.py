@@ -129,7 +129,7 @@ def wish(model: ControlModel, q, v, p_d, parameters: CrarParameters) -> np.ndarr
     J_star = np.linalg.solve(J.T @ J + DAMPING**2 * np.eye(model.n), J.T)
     z = Gv * (J_star @ (parameters.K * e) - of_v)
     s_0 = of_v + HORIZON * (J_star @ a_r + z)
-    fastest = parameters.lookahead.nominal_speed(plans=False)
+    fastest = parameters.lookahead.filled(PERIOD, plans=False).nominal_speed_limit
     return s_0 / max(1.0, np.abs(s_0).max() / fastest)
 
 

@@ -208,15 +208,16 @@ def test_a_preview_brings_its_own_defaults():
     assert PREVIEW.braking_horizon == 0.012
     assert replace(PREVIEW, period=0.02).braking_horizon == pytest.approx(0.032)
     assert (PREVIEW.posture_gain, PREVIEW.null_space_gain) == (40.0, 20.0)
-    assert AHEAD.nominal_speed(plans=True) == 9.0
+    assert AHEAD.filled(5e-3, plans=True).nominal_speed_limit == 9.0
     assert WITHOUT.braking_horizon == pytest.approx(2.5 / 30.0)
     assert (WITHOUT.posture_gain, WITHOUT.null_space_gain) == (30.0, 30.0)
-    assert AHEAD.nominal_speed(plans=False) == 16.0
+    assert AHEAD.filled(5e-3, plans=False).nominal_speed_limit == 16.0
     given = replace(AHEAD, horizon=0.05, nominal_speed_limit=7.0)
     given = replace(PREVIEW, lookahead=given, nominal_posture_gain=11.0)
     assert given.braking_horizon == 0.05
     assert given.posture_gain == 11.0
-    assert [given.lookahead.nominal_speed(plans) for plans in (True, False)] == [7, 7]
+    for plans in (True, False):
+        assert given.lookahead.filled(5e-3, plans).nominal_speed_limit == 7.0
     # It belongs to the lookahead: nothing of it concerns the paper's constraints.
     paper = replace(PREVIEW, constraints="paper")
     assert paper.posture_gain == 0.0
@@ -318,11 +319,15 @@ def test_what_is_free_has_a_damping_of_its_own(model):
 
 
 def test_bounds_of_a_preview_fit_the_period():
-    assert AHEAD.approach_rates(5e-3, plans=True) == (200.0, 10.0)
-    assert AHEAD.approach_rates(0.02, plans=True) == (50.0, 10.0)
-    assert AHEAD.approach_rates(0.2, plans=True) == (5.0, 5.0)
-    assert AHEAD.approach_rates(5e-3, plans=True, crowded=True) == (200.0, 50.0)
+    def rates(ahead, *case, **more):
+        filled = ahead.filled(*case, **more)
+        return filled.approach_rate, filled.limit_approach_rate
+
+    assert rates(AHEAD, 5e-3, plans=True) == (200.0, 10.0)
+    assert rates(AHEAD, 0.02, plans=True) == (50.0, 10.0)
+    assert rates(AHEAD, 0.2, plans=True) == (5.0, 5.0)
+    assert rates(AHEAD, 5e-3, plans=True, crowded=True) == (200.0, 50.0)
     given = replace(AHEAD, approach_rate=30.0)
-    assert given.approach_rates(1e-3, plans=True) == (30.0, 10.0)
-    assert AHEAD.approach_rates(1e-3, plans=False) == (0.0, 0.0)
-    assert given.approach_rates(1e-3, plans=False) == (30.0, 30.0)
+    assert rates(given, 1e-3, plans=True) == (30.0, 10.0)
+    assert rates(AHEAD, 1e-3, plans=False) == (0.0, 0.0)
+    assert rates(given, 1e-3, plans=False) == (30.0, 30.0)

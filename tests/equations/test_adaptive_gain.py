@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from crar_drake.equations.adaptive_gain import adaptive_gain
+from crar_drake.equations.resolved_acceleration import adaptive_gain
 
 
 def test_gain_is_far_away_near_at_the_constraint_and_monotone_between():

@@ -15,7 +15,7 @@ from pydrake.multibody.tree import (
 from crar_drake.equations import kinematics, placed_shapes
 from crar_drake.equations.capsule_distances import CapsuleSizes, ShapePairs
 from crar_drake.equations.hull_distances import no_hulls
-from crar_drake.equations.kinematics import link_poses, place_points
+from crar_drake.equations.kinematics import joint_motion, link_poses, place_points
 from crar_drake.equations.placed_shapes import needed_by
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import load_robot_description
@@ -26,7 +26,6 @@ from crar_drake.robot.task import Task
 # Both bodies of each function: of NumPy, or what is compiled in its place; and loops.
 POSES = [link_poses, kinematics._link_poses_loops]
 PLACES = [placed_shapes.place_some, placed_shapes._place_some_loops]
-MOTIONS = [kinematics.joint_motion, kinematics._joint_motion_loops]
 
 
 def plant_of(robot: str) -> MultibodyPlant:
@@ -65,9 +64,8 @@ def test_link_poses_are_drakes(plant: MultibodyPlant, poses) -> None:
             np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("motion", MOTIONS, ids=["as called", "loops"])
 def test_joint_motion_is_drakes_jacobian_about_the_worlds_origin(
-    plant: MultibodyPlant, motion
+    plant: MultibodyPlant,
 ) -> None:
     joints, context = JointTree(plant), plant.CreateDefaultContext()
     W, nv = plant.world_frame(), plant.num_velocities()
@@ -79,7 +77,7 @@ def test_joint_motion_is_drakes_jacobian_about_the_worlds_origin(
     configured = configurations(plant)
     X = link_poses(configured, joints.tree, joints.tree.every)
     points = place_points(X, *joints.select(placed))
-    for q, S in zip(configured, motion(points), strict=True):
+    for q, S in zip(configured, joint_motion(points), strict=True):
         plant.SetPositions(context, q)
         for i in range(1, plant.num_bodies()):
             body = plant.get_body(BodyIndex(i))

@@ -1,7 +1,5 @@
 """The step of a start pose, against the printed inverse and differences."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -9,8 +7,7 @@ import pytest
 from reference_forms import damped_weighted_pseudo_inverse
 
 from crar_drake.equations.joint_limits import limit_potential
-from crar_drake.equations.paper import PaperGains
-from crar_drake.equations.start_step import start_step
+from crar_drake.equations.paper import PaperGains, start_step
 
 NAN = math.nan
 GAINS = PaperGains(

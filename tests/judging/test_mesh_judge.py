@@ -23,7 +23,7 @@ from crar_drake.commands import main
 from crar_drake.errors import ModelError
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.robot.description import load_robot_description
-from crar_drake.robot.joint_names import names_by_joint
+from crar_drake.robot.joints import names_by_joint
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import position_tasks
 from crar_drake.robot_import.link_meshes import read_link_meshes

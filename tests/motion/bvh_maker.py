@@ -1,7 +1,5 @@
 """Writes one motion as BVH files of any naming, axes, unit and zero pose."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 

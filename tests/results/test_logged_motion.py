@@ -18,7 +18,7 @@ from crar_drake.results.logged_motion import (
     export_target,
     motion_of_log,
 )
-from crar_drake.robot.joint_names import names_by_joint
+from crar_drake.robot.joints import names_by_joint
 
 RATE = 200.0
 

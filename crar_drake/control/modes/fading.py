@@ -14,8 +14,6 @@ whether it allows that acceleration: its constraints come first, so that there m
 jump where they demand one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any

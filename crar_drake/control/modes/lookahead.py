@@ -122,7 +122,11 @@ class LookaheadMode(Mode):
             model, parameters, gains: as of `Mode`.
             step: of what does as commanded [s]; by default that of the model's plant.
         """
-        ahead = parameters.lookahead
+        planned_time = parameters.planned_time
+        crowded = model.m >= model.n
+        ahead = parameters.lookahead.filled(
+            parameters.period, planned_time > 0.0, crowded
+        )
         if step is None:
             step = model.plant.time_step()
         self.horizon = parameters.braking_horizon
@@ -139,14 +143,14 @@ class LookaheadMode(Mode):
         self._still = np.zeros(model.n + model.n_p)
         self._examines_all = not model.pairs.not_examined
         n, nv = model.n, model.n + model.n_p
-        crowded = model.m >= n
         preview = make_preview(
-            parameters.planned_time,
-            ahead.planned_smoothness,
+            planned_time,
+            ahead.smoothness,
             parameters.null_space_gain,
             parameters.posture_gain,
             parameters.period,
-            *ahead.pulls(crowded),
+            ahead.farthest_pull,
+            ahead.null_space_damping,
         )
         planned = n * len(preview.times)
         self.plans = planned > 0
@@ -159,9 +163,6 @@ class LookaheadMode(Mode):
         self._parts = [slice(start, end) for start, end in pairwise(ends)]
         self._distances = slice(ends[-1], None)
         share = min(1.0, parameters.period / ahead.slip_time_constant)
-        of_pairs, of_limits = ahead.approach_rates(
-            parameters.period, self.plans, crowded
-        )
         numbers = LookaheadGains(
             T=float(self.horizon),
             Gv=float(parameters.Gv),
@@ -178,11 +179,11 @@ class LookaheadMode(Mode):
             influence_distance=float(ahead.influence_distance),
             period=float(parameters.period),
             slip_share=float(share),
-            nominal_speed_limit=float(ahead.nominal_speed(self.plans)),
+            nominal_speed_limit=float(ahead.nominal_speed_limit),
             task_norm=ahead.guard_norm == "tasks",
             guard_damping=float(ahead.guard_damping or parameters.damping),
-            approach_rate=of_pairs,
-            limit_approach_rate=of_limits,
+            approach_rate=float(ahead.approach_rate),
+            limit_approach_rate=float(ahead.limit_approach_rate),
             more_damping=_more_damping(model),
         )
         plant = model.plant

@@ -1,7 +1,5 @@
 """What the control law knows of a constraint mode."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar

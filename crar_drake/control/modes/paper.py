@@ -1,7 +1,5 @@
 """The paper's constraints, to the letter, and none: Eqs. (10), (15)-(35)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ y up. Angles are never clamped to the skeleton's limits: real files exceed them,
 and exceed a full turn as well.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re
@@ -25,10 +23,6 @@ INCH = 0.0254  # [m]
 CMU_LENGTH = 0.45  # the `length` of every CMU skeleton [file units per inch]
 CMU_FRAME_RATE = 120.0  # [Hz]
 CMU_SLOW_SUBJECTS = {60: 60.0, 61: 60.0}  # subject: rate [Hz]
-
-# Where a clip's frame rate comes from: the caller, the file, what is known of the
-# CMU database, or nowhere.
-RATE_SOURCES = ("given", "file", "database", "assumed")
 
 ROOT_ORDER = ("TX", "TY", "TZ", "RX", "RY", "RZ")
 _DOF_NAMES = ("rx", "ry", "rz")
@@ -93,7 +87,7 @@ class Clip:
         root_position: (T, 3) x y z of the root, y up [m].
         root_rotation: (T, 3) rotations about x y z as in the file [rad].
         joints: bone name to (T, k) dof values in the bone's dof order [rad].
-        rate_source: where the frame rate comes from, one of RATE_SOURCES.
+        rate_source: where the frame rate comes from, one of `performer.SOURCES`.
         angle_unit: "degrees" or "radians", what the file says that its angles are;
             "" for a clip of no file.
     """
@@ -195,9 +189,6 @@ def read_asf(path: str | os.PathLike[str]) -> Skeleton:
 
     Lengths become metres by the file's own `length` value (CMU: 0.45), angles
     become radians. Bone directions are normalised, since files print six digits.
-
-    Args:
-        path: the ASF file.
 
     Raises:
         MotionError: the file is missing, is not an ASF, or its bones do not hang

@@ -9,8 +9,6 @@ Own code, because maintained readers on PyPI (pybvh 0.9, bvhio 1.5) take NaN for
 number, cannot tell the line of most mistakes, and refuse keywords in lower case.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

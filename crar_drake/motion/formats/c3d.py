@@ -5,8 +5,6 @@ of each frame in the unit that POINT:UNITS says; a hidden point has a negative r
 or stands at 0 0 0, or is NaN.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import math
@@ -123,11 +121,7 @@ def _check_whole(path: Path) -> None:
 
 
 def _read_by_ezc3d(path: Path) -> tuple[dict, np.ndarray, np.ndarray]:
-    """What `ezc3d_child` tells: groups of parameters, points (3, M, T) and residuals.
-
-    Raises:
-        MotionError: ezc3d cannot read the file, or does not come to an end.
-    """
+    """What `ezc3d_child` tells: parameters by group, points (3, M, T), residuals."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "points.npz"
         size = path.stat().st_size

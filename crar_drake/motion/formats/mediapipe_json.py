@@ -12,8 +12,6 @@ the picture, z away from the camera. Those of the picture are not in metres. Sou
 github.com/google/mediapipe, release 0.8.6 and docs/solutions/pose.md.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

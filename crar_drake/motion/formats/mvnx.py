@@ -11,8 +11,6 @@ unturned segments make a T-pose that faces x, palms down. Other frames ("identit
 io_anim_mvnx_utest/data/test_mocap.mvnx of github.com/andres-fr/blender-mvnx-io.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path

@@ -8,8 +8,6 @@ NPY: the array alone. CSV: a heading with a column per number, `NAME_x`, `NAME_y
 nothing.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import re

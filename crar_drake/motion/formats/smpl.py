@@ -26,8 +26,6 @@ Sources: amass.is.tue.mpg.de; `smplx/body_models.py` of github.com/vchoutas/smpl
 `tools/demo/demo.py` of github.com/zju3dv/GVHMR; `demo.py` of github.com/yohanshin/WHAM.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace

@@ -14,8 +14,6 @@ OpenSim's `TRCFileAdapter.cpp`; files of hsorby/trc-data-reader and of
 perfanalytics/pose2sim.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The performer of an ASF skeleton with the CMU database's bone names."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -92,6 +90,7 @@ def asf_amc_performer(clip: Clip) -> Performer:
     }
     hands, hands_obstacle = _hands(clip, rest, poses)
     parents = {bone.name: bone.parent for bone in skeleton.bones.values()}
+    unit = f"{1e3 * skeleton.metres_per_unit:.4g} mm"
     return Performer(
         name=clip.name,
         format="ASF/AMC",
@@ -115,7 +114,7 @@ def asf_amc_performer(clip: Clip) -> Performer:
             for joint, bone in bones.items()
         },
         facts=(
-            Fact("unit", _unit_text(skeleton), "file", "length of :units"),
+            Fact("unit", unit, "file", "length of :units"),
             Fact("up", "+y", "assumed", "as in the CMU database"),
             Fact("facing", "+z", "assumed", "as in the CMU database"),
         ),
@@ -134,10 +133,6 @@ def asf_amc_performer(clip: Clip) -> Performer:
 def as_performer(motion: Performer | Clip) -> Performer:
     """Returns the performer of a clip; a performer is itself."""
     return asf_amc_performer(motion) if isinstance(motion, Clip) else motion
-
-
-def _unit_text(skeleton: Skeleton) -> str:
-    return f"{1e3 * skeleton.metres_per_unit:.4g} mm"
 
 
 def _obstacle(clip: Clip, lowest: float) -> str:
@@ -258,14 +253,7 @@ def _doubt_angles(clip: Clip) -> Iterator[str]:
 def _doubt_unit(
     what: str, unit: str, angles: np.ndarray, words: dict[str, str]
 ) -> Iterator[str]:
-    """Doubts that a file's angles (k,) [rad] are in the unit that it says.
-
-    Args:
-        what: the kind of file.
-        unit: "degrees", "radians", or "" without a file.
-        angles: absolute values [rad], as they were read.
-        words: unit to how such a file says it.
-    """
+    """Doubts that a file's absolute angles (k,) [rad] are in the unit that it says."""
     numbers = np.degrees(angles) if unit == "degrees" else angles  # of the file
     numbers = numbers[np.isfinite(numbers) & (numbers > 0.0)]
     largest = numbers.max(initial=0.0)

@@ -1,7 +1,5 @@
 """From joint centres in a file's own axes and unit to the performer in the world."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 

@@ -1,7 +1,5 @@
 """The performer of a BVH file, whatever its names, unit and axes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 
@@ -43,11 +41,6 @@ _NOT_TURNED = 0.01  # [deg]
 
 def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
     """Returns the performer of a BVH.
-
-    Args:
-        bvh: the file's contents.
-        name: what the user calls the motion.
-        options: what the user says of it.
 
     Raises:
         MotionError: it has no two arms and legs, too few frames, or lengths that are

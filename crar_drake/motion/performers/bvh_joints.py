@@ -1,7 +1,5 @@
 """Which joint of a BVH is which: by the user's file, by names, or by the tree."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

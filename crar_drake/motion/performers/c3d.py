@@ -1,7 +1,5 @@
 """The performer of a C3D or TRC file with a known set of markers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.errors import MotionError
@@ -16,11 +14,6 @@ from crar_drake.motion.performers.assemble import Recording, assemble
 
 def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Performer:
     """Returns the performer of a C3D file.
-
-    Args:
-        markers: the file's contents.
-        name: what the user calls the motion.
-        options: what the user says of it.
 
     Raises:
         MotionError: the markers are of no known set, one that is needed is never
@@ -57,7 +50,6 @@ def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Perfor
     body = marker_body(
         used,
         marker_set,
-        subject,
         {measure: metres * value for measure, value in markers.measures.items()},
         rate,
     )

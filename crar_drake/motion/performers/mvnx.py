@@ -1,7 +1,5 @@
 """The performer of an MVNX file of Xsens."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -55,11 +53,6 @@ _PARENT = {b: a for chain in _CHAINS for a, b in zip(chain, chain[1:], strict=Fa
 
 def mvnx_performer(mvnx: Mvnx, name: str, options: MotionOptions) -> Performer:
     """Returns the performer of an MVNX file.
-
-    Args:
-        mvnx: the file's contents.
-        name: what the user calls the motion.
-        options: what the user says of it.
 
     Raises:
         MotionError: a segment is missing, the file says no rate, or an option is given

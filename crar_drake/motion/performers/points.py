@@ -1,7 +1,5 @@
 """The performer of an array of joint positions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.errors import MotionError
@@ -34,11 +32,6 @@ def points_performer(
     arrays: PointArrays, name: str, options: MotionOptions
 ) -> Performer:
     """Returns the performer of an array of joint positions.
-
-    Args:
-        arrays: the file's contents.
-        name: what the user calls the motion.
-        options: what the user says of it.
 
     Raises:
         MotionError: the points are of no known layout and have no names that say what

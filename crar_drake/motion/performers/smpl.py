@@ -1,7 +1,5 @@
 """The performer of a motion of the body models SMPL, SMPL-H and SMPL-X."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.motion.formats.smpl import SmplMotion, read_smpl_offsets
@@ -33,11 +31,6 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
     Without the model's own file (`options.skeleton`) its lengths are the mean ones,
     whatever the person's. Turns are the person's; the floor is then where that body
     comes lowest.
-
-    Args:
-        motion: the file's contents.
-        name: what the user calls the motion.
-        options: what the user says of it.
 
     Raises:
         MotionError: the file says no rate, or an option is given that it does not need.

@@ -4,7 +4,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from small_urdfs import joint, link, robot
 
-from crar_drake.robot.joint_units import joint_units
+from crar_drake.robot.joints import joint_units
 
 
 def test_units():

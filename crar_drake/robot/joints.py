@@ -1,9 +1,10 @@
-"""The joints of a plant by name: of its velocities, and those of a description."""
+"""The joints of a plant: names, units, speed limits, and those of a description."""
 
-from __future__ import annotations
+from collections.abc import Sequence
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import PrismaticJoint
 
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import RobotDescription, find_joint
@@ -48,3 +49,47 @@ def check_described_joints(
                 f"joint with {positions} positions; give finite values, to joints "
                 "with one"
             )
+
+
+def joint_units(plant: MultibodyPlant, names: Sequence[str]) -> list[str]:
+    """(n,) "m" for each joint that slides, "rad" for each that turns.
+
+    Args:
+        plant: that has the joints.
+        names: of joints with one position.
+    """
+    kinds = [plant.GetJointByName(name).type_name() for name in names]
+    return ["m" if kind == PrismaticJoint.kTypeName else "rad" for kind in kinds]
+
+
+def speed_limits(plant: MultibodyPlant, description: RobotDescription) -> np.ndarray:
+    """(nv,) largest speed of each velocity, inf where there is none [rad/s or m/s].
+
+    Args:
+        plant: finalized. Of two different limits of a joint the smaller magnitude
+            counts; 0 says that none is stated.
+        description: its `velocity_limits` count instead, for the joints they name.
+
+    Raises:
+        ModelError: it names a joint that does not exist or is fixed.
+    """
+    limits = np.minimum(
+        np.abs(plant.GetVelocityLowerLimits()),
+        np.abs(plant.GetVelocityUpperLimits()),
+    )
+    limits[limits == 0.0] = np.inf  # what many exporters write for "unknown"
+    for name, limit in description.velocity_limits.items():
+        try:
+            joint = find_joint(plant, name)
+        except ModelError as error:
+            raise ModelError(
+                f"robot {description.name}: velocity_limits: {error}"
+            ) from error
+        if not joint.num_velocities():
+            raise ModelError(
+                f"robot {description.name}: velocity_limits: {name!r} is fixed; "
+                "leave it out"
+            )
+        start = joint.velocity_start()
+        limits[start : start + joint.num_velocities()] = limit
+    return limits

@@ -87,8 +87,9 @@ _APPROACH = 100.0
 _INFLUENCE = 0.1
 # T of the control law, unless it is given [s].
 _HORIZON = CrarParameters().longest_braking_horizon
-# Gains of the control law that a filter has no use for.
-_NO_FEEDBACK = {"K": 1.0, "Kp": 1.0, "Gv": 1.0}
+# Gains of the control law that a filter has no use for: so small that no period is too
+# long for them.
+_NO_FEEDBACK = {"K": 1e-6, "Kp": 1e-6, "Gv": 1e-6}
 
 _NOTHING = np.zeros(0)
 

@@ -382,6 +382,7 @@ def test_a_start_without_numbers_is_refused(arm):
         ({"period": 0.0}, ScenarioError, "period"),
         ({"period": float("nan")}, ScenarioError, "period"),
         ({"period": 0.2}, ScenarioError, "braking horizon"),
+        ({"period": 10.0}, ScenarioError, "filter.period: 10 s .*braking horizon"),
         ({"lookahead": LookaheadParameters(preview=0.1)}, ScenarioError, "preview"),
         (
             {"lookahead": LookaheadParameters(tracking_error=3.0)},

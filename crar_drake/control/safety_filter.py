@@ -228,7 +228,6 @@ class SafetyFilter:
     Attributes:
         model: kinematics and distances, without tasks.
         joint_names: (n,) the joints, in the plant's order: that of all vectors.
-        period: [s].
         parameters: of the law.
         parameters_of: what errors call them.
     """
@@ -287,7 +286,7 @@ class SafetyFilter:
             LookaheadMode.check(gains)
         self.parameters = gains
         self.model = model = _joint_model(robot)
-        self.period = float(period)
+        self._period = float(period)
         self.joint_names = tuple(model.joint_names)
         self._n = model.n
         self._at = {name: i for i, name in enumerate(self.joint_names)}
@@ -304,6 +303,11 @@ class SafetyFilter:
         self._efforts = EffortLimits(model, mode, gains)
         self._mode = mode
         self.reset()
+
+    @property
+    def period(self) -> float:
+        """Between two calls [s]; another one takes another filter."""
+        return self._period
 
     def reset(self, q: Joints | None = None, v: Joints | None = None) -> None:
         """Begins anew.

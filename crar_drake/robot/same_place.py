@@ -51,8 +51,8 @@ def check_place(
             apart = 0.0  # whatever moves along is the same anywhere
         if turn > _FAR or apart > _FAR:
             raise ModelError(
-                f"joint {joint.name()} of the plant is {apart:.2f} m and {turn:.2f} rad "
-                "from where the control model has it: weld the robot where the "
+                f"joint {joint.name()} of the plant is {apart:.2f} m and {turn:.2f} "
+                "rad from where the control model has it: weld the robot where the "
                 "model's base is, or let the model be where the robot is: "
                 "dataclasses.replace(description, root_pose=RootPose(xyz, rpy))"
             )

@@ -370,6 +370,12 @@ def test_what_is_asked_for_wrongly_is_refused(arm, given, words):
     assert arm._memory is before
 
 
+def test_the_period_stays(arm):
+    """All of the law is of it."""
+    with pytest.raises(AttributeError, match="period"):
+        arm.period = 0.05
+
+
 def test_a_start_without_numbers_is_refused(arm):
     with pytest.raises(InputError, match="start's q has a NaN.*joint2"):
         arm.reset([0.0, np.nan, 0.0, 0.0, 0.0, 0.0, 0.0])

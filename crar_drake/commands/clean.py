@@ -307,6 +307,7 @@ def _write_page(
 def clip_lines(clip: CleanedClip) -> list[str]:
     """What cleaning made of a motion, in words."""
     lines = [
+        *([f"guessed: {clip.guessed}"] if clip.guessed else []),
         f"{clip.clip + ': ' if clip.clip else ''}{clip.frames} frames at "
         f"{clip.rate:g} Hz; before and after: {clip.penetrating_before} and "
         f"{clip.penetrating} frames with capsules in penetration, "

@@ -185,6 +185,7 @@ def _lines(clip: RetargetedClip) -> list[str]:
         for side, (more, most) in clip.knees.items()
     )
     return [
+        f"read: {cleaned.guessed}",
         f"{cleaned.frames} frames at {cleaned.rate:g} Hz, {clip.seconds:.1f} s of a "
         f"processor, {clip.times_real_time:.1f} x real time",
         "limbs are off in direction by at most "

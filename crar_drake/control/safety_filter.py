@@ -86,8 +86,9 @@ _APPROACH = 100.0
 _INFLUENCE = 0.1
 # T of the control law, unless it is given [s].
 _HORIZON = CrarParameters().longest_braking_horizon
-# Gains of the control law that a filter has no use for.
-_NO_FEEDBACK = {"K": 1.0, "Kp": 1.0, "Gv": 1.0}
+# Gains of the control law that a filter has no use for: so small that no period is too
+# long for them.
+_NO_FEEDBACK = {"K": 1e-6, "Kp": 1e-6, "Gv": 1e-6}
 
 _NOTHING = np.zeros(0)
 
@@ -226,7 +227,6 @@ class SafetyFilter:
     Attributes:
         model: kinematics and distances, without tasks.
         joint_names: (n,) the joints, in the plant's order: that of all vectors.
-        period: [s].
         parameters: of the law.
         parameters_of: what errors call them.
     """
@@ -285,7 +285,7 @@ class SafetyFilter:
             LookaheadMode.check(gains)
         self.parameters = gains
         self.model = model = _joint_model(robot)
-        self.period = float(period)
+        self._period = float(period)
         self.joint_names = tuple(model.joint_names)
         self._n = model.n
         self._at = {name: i for i, name in enumerate(self.joint_names)}
@@ -302,6 +302,11 @@ class SafetyFilter:
         self._efforts = EffortLimits(model, mode, gains)
         self._mode = mode
         self.reset()
+
+    @property
+    def period(self) -> float:
+        """Between two calls [s]; another one takes another filter."""
+        return self._period
 
     def reset(self, q: Joints | None = None, v: Joints | None = None) -> None:
         """Begins anew.

@@ -158,6 +158,11 @@ def trunk_and_legs(p: Mapping[str, np.ndarray]) -> np.ndarray:
     return _unit_vector(p["neck"] - (p["left_ankle"] + p["right_ankle"]) / 2.0)
 
 
+def stands_along(rest: Mapping[str, np.ndarray], up: np.ndarray) -> bool:
+    """Whether a rest pose, joint to (3,), stands along a unit vector."""
+    return bool(trunk_and_legs(rest) @ up > _ALONG_AXIS)
+
+
 def _find_up(
     p: Mapping[str, np.ndarray],
     rest: Mapping[str, np.ndarray],
@@ -181,7 +186,7 @@ def _find_up(
     if rest:
         standing = trunk_and_legs(rest)
         axis = max(AXES, key=lambda a: standing @ _vector(a))
-        if standing @ _vector(axis) > _ALONG_AXIS:
+        if stands_along(rest, _vector(axis)):
             if share[axis] >= _ENOUGH_UPRIGHT or share[best] < 0.5:
                 return axis, Fact("up", axis, "inferred", "from the rest pose"), ()
             doubt = (
@@ -226,7 +231,7 @@ def _find_facing(
     z = _vector(up)
     why = f"where the performer faces in frame {frame + 1}"
     forward = body_forward({joint: q[frame] for joint, q in p.items()})
-    if rest and trunk_and_legs(rest) @ z > _ALONG_AXIS:
+    if rest and stands_along(rest, z):
         forward, why = body_forward(rest), "from the rest pose"
     horizontal = [axis for axis in AXES if axis[1] != up[1]]
     axis = max(horizontal, key=lambda a: round(float(forward @ _vector(a)), 9))

@@ -98,6 +98,11 @@ class MotionReport:
         """What looks bad, in few words each; `describe` says more."""
         return tuple(short for short, _ in _findings(self))
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """How the file was read, and what looks bad, in few words each."""
+        return (*_reading(self.performer), *self.findings)
+
 
 def inspect(motion: Performer | Clip) -> MotionReport:
     """Returns a report of the motion. Nothing that it finds is an error."""
@@ -252,12 +257,8 @@ def describe(report: MotionReport) -> Iterator[str]:
         f"{person.duration:.2f} s, {person.bones} {person.bones_called}, "
         f"{person.height:.2f} m tall"
     )
-    if person.facts:
-        facts = "; ".join(str(fact) for fact in person.facts)
-        yield f"{person.format}: {facts}"
+    yield from _reading(person)
     yield "joints: " + ", ".join(person.matches())
-    if person.rate_source == "assumed":
-        yield "the file states no frame rate; give --frame-rate HZ if it is another"
     if report.peak_speeds:
         yield "largest speeds: " + ", ".join(
             f"{name} {speed:.1f} m/s" for name, speed in report.peak_speeds.items()
@@ -269,6 +270,15 @@ def describe(report: MotionReport) -> Iterator[str]:
         yield line
     if report.looks_clean:
         yield "nothing looks bad"
+
+
+def _reading(person: Performer) -> Iterator[str]:
+    """Yields what the file says of itself, or what was taken for it."""
+    if person.facts:
+        facts = "; ".join(str(fact) for fact in person.facts)
+        yield f"{person.format}: {facts}"
+    if person.rate_source == "assumed":
+        yield "the file states no frame rate; give --frame-rate HZ if it is another"
 
 
 def _findings(report: MotionReport) -> Iterator[tuple[str, str]]:

@@ -94,6 +94,8 @@ class CleanedClip(Change):
             in them, in the worst of 95 % [m]; negative inside.
         deepest: frame and pair of the deepest penetration, in words; "" without one.
         exceeded: what changed by more than was allowed, in words; "" if nothing did.
+        guessed: what the file did not say and was guessed, in words; of a motion that
+            was retargeted how the person's file was read, and what looks bad in it.
     """
 
     clip: str
@@ -125,6 +127,7 @@ class CleanedClip(Change):
     outside: float = np.nan
     deepest: str = ""
     exceeded: str = ""
+    guessed: str = ""
 
     @property
     def times_real_time(self) -> float:
@@ -497,6 +500,7 @@ def _row(
         meshes_penetrating=-1 if meshes is None else meshes.num_touching,
         meshes_unclear=-1 if meshes is None else meshes.num_unclear,
         deepest=_deepest(now, cleaner),
+        guessed="; ".join(before.guesses),
     )
 
 

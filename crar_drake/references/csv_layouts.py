@@ -62,7 +62,9 @@ def read_csv(
         if not order:
             raise MotionError(
                 f"{path}: whether the quaternion's columns are xyzw or wxyz cannot be "
-                f"guessed ({evidence}); say it with --layout xyzw-csv or wxyz-csv"
+                f"guessed ({evidence}); say it with --layout xyzw-csv or wxyz-csv, if "
+                f"the first 7 of its {table.shape[1]} columns are the root, and the "
+                "others joints"
             )
         guesses.append(f"quaternions are {order}: {evidence}")
     if rate is None:

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from crar_drake.errors import MotionError, nearest
 from crar_drake.motion.rates import SLOWEST, rate_doubt, rate_meant
 from crar_drake.motion.robots_own import SUFFIXES
@@ -31,6 +33,12 @@ from crar_drake.references.robot_motion import (
     check_joint_names,
 )
 from crar_drake.references.whole_body import WholeBody
+
+# An angle beyond this is none of a joint in radians [rad].
+_DEGREES = 2.0 * np.pi + 0.5
+
+# Nor does a robot climb so high [m].
+_CENTIMETRES = 10.0
 
 _READERS = {
     ".csv": read_csv,
@@ -93,6 +101,7 @@ def read_motions(
     motions = _read_file(Path(path), layout, rate, joint_names)
     if rate is None:
         motions = tuple(_with_plausible_rate(motion) for motion in motions)
+    motions = tuple(_with_doubted_units(motion) for motion in motions)
     if robot is None:
         for motion in motions:
             if motion.layout == UNKNOWN_ORDER:
@@ -168,6 +177,19 @@ def _with_plausible_rate(motion: RobotMotion) -> RobotMotion:
     if not reported:
         return motion
     return replace(motion, rate=rate, guesses=(*motion.guesses, reported)).as_read()
+
+
+def _with_doubted_units(motion: RobotMotion) -> RobotMotion:
+    """The motion, with a guess where its numbers are hardly radians or metres."""
+    doubts = []
+    turned = np.abs(motion.joint_positions).max(initial=0.0)
+    if turned > _DEGREES:
+        doubts.append(f"a joint is at {turned:.1f} rad: are these degrees?")
+    high = np.abs(motion.root_positions[:, 2]).max(initial=0.0)
+    if high > _CENTIMETRES:
+        doubts.append(f"the root is at {high:.0f} m: are these centimetres or mm?")
+    doubts = [f"units as the layout has them, but {doubt}" for doubt in doubts]
+    return replace(motion, guesses=(*motion.guesses, *doubts))
 
 
 def _read_file(

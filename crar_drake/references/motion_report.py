@@ -23,9 +23,6 @@ from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 # Things that are reported one by one.
 _MOST = 5
 
-# An angle beyond this is none of a joint in radians [rad].
-_DEGREES = 2.0 * np.pi + 0.5
-
 
 def describe_motion(
     motion: RobotMotion, robot: WholeBody | None = None
@@ -98,11 +95,6 @@ def _joint_lines(motion: RobotMotion) -> Iterator[str]:
     if len(jerks):
         text += f"; rms jerk {np.sqrt(np.mean(jerks**2)):.0f} rad/s³"
     yield text
-    if np.abs(q).max() > _DEGREES:
-        yield (
-            f"an angle of {np.abs(q).max():.1f} is beyond a whole turn: are these "
-            "degrees? Files of these layouts are in radians"
-        )
 
 
 def _limit_lines(motion: RobotMotion, robot: WholeBody) -> Iterator[str]:

@@ -18,6 +18,7 @@ from crar_drake.motion.catalogue import load_performer, motion_files
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import SIDES
 from crar_drake.motion.quaternion_spline import sign_continuous
+from crar_drake.motion.report import inspect
 from crar_drake.references.clean_file import CleanedClip, MotionCleaner
 from crar_drake.references.cleaning import CleaningParameters
 from crar_drake.references.ground_contact import Outline
@@ -208,6 +209,7 @@ class FileRetargeter:
             root_quaternions=sign_continuous(quaternions)[:, [3, 0, 1, 2]],
             joint_positions=found.q[:, [names.index(x) for x in robot.joint_names]],
             rate=rate,
+            guesses=inspect(performer).remarks,
         )
         (cleaned,) = self._cleaner.clean(
             [made],

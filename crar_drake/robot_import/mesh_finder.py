@@ -32,15 +32,15 @@ class MeshFinder:
         scheme, _, rest = address.rpartition("://")
         if scheme in ("package", "model"):
             package, _, inner = rest.lstrip("/").partition("/")
-            folder = self._package(package)
-            if folder is None:
+            place = self._package(package)
+            if place is None:
                 self._packages.add(package)
                 return Path(inner)
-            path = folder / inner
+            path = place / inner
         else:
             path = self._file.parent / rest
         if not (path.is_file() or (folder and path.is_dir())):
-            self._missing.append(f"{address} ({where})")
+            self._missing.append(f"{address} ({where}{_in_other_case(path)})")
         return path
 
     def check(self) -> None:
@@ -73,6 +73,15 @@ class MeshFinder:
                 if folder.is_dir() and _is_package(folder, name):
                     return folder
         return None
+
+
+def _in_other_case(path: Path) -> str:
+    """Of a file whose name is there in capitals alone, or without: that name."""
+    beside = path.parent.iterdir() if path.parent.is_dir() else ()
+    for each in beside:
+        if each.is_file() and each.name.lower() == path.name.lower():
+            return f"; its name is {each.name}"
+    return ""
 
 
 def _is_package(folder: Path, name: str) -> bool:

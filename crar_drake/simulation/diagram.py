@@ -31,6 +31,7 @@ from crar_drake.robot.description import (
     load_robot_description,
 )
 from crar_drake.robot.model import ControlModel
+from crar_drake.robot.same_place import check_place
 from crar_drake.robot.standing import standing_description
 from crar_drake.robot.task import Task
 from crar_drake.simulation.contact_ground import add_contact_ground
@@ -128,7 +129,8 @@ def AddCrarController(
 
     Raises:
         ModelError: the plant is not finalized, has another state or other
-            actuators than the control model, or a name is not in it; or the root
+            actuators than the control model or stands elsewhere, or a name is not in
+            it; or the root
             floats, and the plant's applied_generalized_force is connected already, or
             other things in the plant move; or `model_instance` lacks `control_model`.
         ScenarioError: a parameter is out of range, or the control period or the
@@ -163,6 +165,7 @@ def AddCrarController(
                 f"the plant has {theirs} {what} but the control model {ours}; they "
                 "must be the same robot (model_instance names it in a plant with more)"
             )
+    check_place(plant, control_model, *part)
     damped = any(
         plant.get_joint(index).default_damping_vector().any()
         for index in plant.GetJointIndices()

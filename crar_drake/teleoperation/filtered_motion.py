@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.safety_filter import OBSTACLE, SafetyFilter
+from crar_drake.control.safety_filter import NO_NUMBER, OBSTACLE, SafetyFilter
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ScenarioError
 from crar_drake.teleoperation.safe_motion import (
@@ -118,6 +118,8 @@ class FilteredMotion:
 
 def _in_words(report) -> str | None:
     """What holds a command back."""
+    if report.why == NO_NUMBER:  # there are no targets, so that nothing is held back
+        return None
     if report.why == OBSTACLE:
         return because_of(report.obstacle)
     of = " - ".join(report.pair) if report.why == "pair" else report.joint

@@ -370,6 +370,12 @@ def test_what_is_asked_for_wrongly_is_refused(arm, given, words):
     assert arm._memory is before
 
 
+def test_the_period_stays(arm):
+    """All of the law is of it."""
+    with pytest.raises(AttributeError, match="period"):
+        arm.period = 0.05
+
+
 def test_a_start_without_numbers_is_refused(arm):
     with pytest.raises(InputError, match="start's q has a NaN.*joint2"):
         arm.reset([0.0, np.nan, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -382,6 +388,7 @@ def test_a_start_without_numbers_is_refused(arm):
         ({"period": 0.0}, ScenarioError, "period"),
         ({"period": float("nan")}, ScenarioError, "period"),
         ({"period": 0.2}, ScenarioError, "braking horizon"),
+        ({"period": 10.0}, ScenarioError, "filter.period: 10 s .*braking horizon"),
         ({"lookahead": LookaheadParameters(preview=0.1)}, ScenarioError, "preview"),
         (
             {"lookahead": LookaheadParameters(tracking_error=3.0)},

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bvh_maker import AXES, NAMES, TREE, Convention, along_x, arms_hang, bvh_text
+from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.catalogue import load_clip, load_performer
@@ -158,6 +159,28 @@ def test_a_start_in_lying_does_not_turn_the_world(clip, tmp_path) -> None:
             truth.positions["left_knee"] - truth.positions["pelvis"],
             atol=1e-8,
         )
+
+
+def test_a_skeleton_that_lies_in_a_world_in_which_it_moves_upright(
+    clip, plain, tmp_path
+) -> None:
+    """Its zero pose stands along y, its motion along z: that pose is no standing one,
+    and the pelvis is known by hips and trunk."""
+    head, motion = bvh_text(clip, Convention(order="ZYX")).split("MOTION\n")
+    lines, turn = motion.strip().split("\n"), Rotation.from_euler("x", 90, degrees=True)
+    for i, line in enumerate(lines[2:], start=2):
+        row = np.array(line.split(), float)
+        row[:3] = turn.apply(row[:3])
+        turned = turn * Rotation.from_euler("ZYX", row[3:6], degrees=True)
+        row[3:6] = turned.as_euler("ZYX", degrees=True)
+        lines[i] = " ".join(f"{number:.9f}" for number in row)
+    performer = performed(tmp_path, head + "MOTION\n" + "\n".join(lines))
+    assert performer.up == "+z"
+    assert any("the rest pose stands along +y" in doubt for doubt in performer.doubts)
+    up = performer.orientations["pelvis"][:, :, 2]
+    upright = plain.orientations["pelvis"][:, :, 2]
+    off = np.arccos(np.clip(up[:, 2], -1, 1)) - np.arccos(np.clip(upright[:, 2], -1, 1))
+    assert np.abs(np.degrees(off)).max() < 20.0
 
 
 def test_one_frame_apart_is_left_out(clip, tmp_path) -> None:

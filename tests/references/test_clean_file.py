@@ -11,7 +11,12 @@ from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
 from crar_drake.errors import CrarError, MotionError, WriteError
-from crar_drake.references.clean_file import CleanedClip, FileCleaner, clean_file
+from crar_drake.references.clean_file import (
+    CleanedClip,
+    FileCleaner,
+    FileOptions,
+    clean_file,
+)
 from crar_drake.references.clean_folder import clean_folder
 from crar_drake.references.folders import _read_table
 from crar_drake.references.motion_certificate import (
@@ -161,6 +166,19 @@ def test_a_true_certificate_of_a_penetration_does_not_hold(cleaned):
     frames["speed"] = [1.0] * 24
     found = check_certificate(reference, certificate, load_robot_description(folder))
     assert any("penetrate" in line for line in found.refuted)
+
+
+def test_what_is_guessed_is_said(cleaned, tmp_path, capsys):
+    folder, reference, out, row = cleaned
+    order, rate = row.guessed.split("; ")[:2]
+    assert order.startswith("quaternions are wxyz: ") and rate.startswith("30 Hz, ")
+    arguments = [str(reference), "--robot", str(folder), "--no-page"]
+    main(["clean", *arguments, "--out", str(tmp_path / "a.csv")])
+    assert f"guessed: {order}; {rate}" in capsys.readouterr().out
+    # All that is guessed is given.
+    again = FileOptions(layout="wxyz-csv", rate=30.0)
+    (row,) = FileCleaner(str(folder), None, again)(reference, tmp_path / "b.csv")
+    assert "quaternion" not in row.guessed and "Hz" not in row.guessed
 
 
 def test_bad_files_are_refused(cleaned, tmp_path):

@@ -187,7 +187,8 @@ def test_csv_is_read_and_its_order_guessed(tmp_path: Path):
 def test_an_order_that_nothing_tells_is_not_guessed(tmp_path: Path):
     lying = np.tile([0.5, 0.5, 0.5, 0.5], (12, 1))
     np.savetxt(tmp_path / "a.csv", np.hstack([P, lying, JOINTS]), delimiter=",")
-    with pytest.raises(MotionError, match="--layout xyzw-csv or wxyz-csv"):
+    told = "--layout xyzw-csv or wxyz-csv, if the first 7 of its 12 columns"
+    with pytest.raises(MotionError, match=told):
         read_motion(tmp_path / "a.csv")
     # Upright either way: 0 0 0 1 looks along +x, or along -x.
     ahead = np.tile([0.0, 0.0, 0.0, 1.0], (12, 1))
@@ -490,6 +491,24 @@ def test_comments_and_encodings_of_a_csv(tmp_path):
         (tmp_path / "a.csv").write_bytes(text.encode(encoding))
         assert holds_reference(tmp_path / "a.csv")
         assert read_motion(tmp_path / "a.csv", "xyzw-csv").num_frames == 2
+
+
+@pytest.mark.parametrize(
+    "columns, factor, told",
+    [
+        (slice(7, None), np.degrees(1.0), "rad: are these degrees"),
+        (slice(0, 3), 1000.0, "m: are these centimetres or mm"),
+        (slice(0, 0), 1.0, ""),
+    ],
+)
+def test_units_that_no_robot_has_are_doubted(tmp_path, columns, factor, told):
+    rows = np.tile([0.1, 0.0, 0.8, 0.0, 0.0, 0.1, 0.995, 0.5, -1.5], (3, 1))
+    rows[:, columns] *= factor
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",")
+    motion = read_motion(tmp_path / "a.csv")
+    doubts = [guess for guess in motion.guesses if guess.startswith("units")]
+    assert len(doubts) == bool(told) and told in "".join(doubts)
+    assert motion.is_as_read
 
 
 @pytest.mark.parametrize(

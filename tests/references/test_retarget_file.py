@@ -166,6 +166,14 @@ def test_nothing_is_below_the_floor_and_what_stands_stays(made, legs):
     assert worst < 2e-3 and made[3].slip < 2e-3
 
 
+def test_how_the_person_was_read_is_said(made, tmp_path, capsys):
+    person = short_amc(tmp_path, "few", 13)
+    arguments = ["retarget", str(person), "--robot", str(made[0])]
+    assert main([*arguments, "--out", str(tmp_path / "a.csv")]) == 0
+    said = capsys.readouterr().out.splitlines()[0]
+    assert said.startswith("read: ") and "up +y (assumed" in said
+
+
 @pytest.mark.parametrize("name, layout", [("a.npz", "mjlab-npz"), ("a.pkl", "gmr-pkl")])
 def test_the_layout_is_the_usual_one_of_the_suffix(tmp_path, made, name, layout):
     robot, out = made[0], tmp_path / name

@@ -93,6 +93,21 @@ def test_refused(tmp_path, text, words):
         assert word in str(caught.value)
 
 
+def test_a_mesh_with_other_capitals_is_named(tmp_path):
+    (tmp_path / "acme" / "meshes").mkdir(parents=True)
+    (tmp_path / "acme" / "meshes" / "Hand.STL").write_bytes(b"")
+    for address, told in (
+        ("package://acme/meshes/hand.stl", "(link a; its name is Hand.STL)"),
+        ("acme/meshes/hand.stl", "(link a; its name is Hand.STL)"),
+        ("package://acme/meshes", "(link a)"),  # a folder is no mesh
+        ("package://acme/none/hand.stl", "(link a)"),
+    ):
+        path = write(tmp_path, robot([link("a", MESH.format(address))]))
+        with pytest.raises(ModelError, match="files are missing") as caught:
+            read_urdf(path)
+        assert f"{address} {told}" in str(caught.value)
+
+
 @pytest.mark.parametrize("where", ["argument", "environment", "ancestor", "manifest"])
 def test_packages_are_found(tmp_path, monkeypatch, where):
     monkeypatch.delenv("ROS_PACKAGE_PATH", raising=False)

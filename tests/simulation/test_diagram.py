@@ -1,6 +1,7 @@
 """The builders: AddCrarController beside a plant, MakeCrarDiagram of a scenario."""
 
 import re
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,12 @@ from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import CrarError, ModelError, ScenarioError
 from crar_drake.motion.catalogue import builtin_names
 from crar_drake.resources import data_folder
-from crar_drake.robot.description import RobotDescription, load_robot_description
+from crar_drake.robot.description import (
+    RobotDescription,
+    RootPose,
+    add_robot,
+    load_robot_description,
+)
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.simulation.diagram import (
@@ -101,6 +107,33 @@ def test_control_model_of_another_robot(other, words):
         )
     for word in words:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "xyz, rpy, fits",
+    [
+        ([0.0, 0.0, 0.7], [0.0, 0.0, 0.0], False),
+        ([0.0, 0.0, 0.0], [0.3, 0.0, 0.0], False),
+        ([0.001, 0.0, 0.001], [0.0, 0.001, 0.0], True),  # as calibrations err
+    ],
+)
+def test_a_robot_that_stands_elsewhere_than_its_model(tmp_path, xyz, rpy, fits):
+    """Refused, since targets and gravity would be another robot's; the description can
+    say where it stands."""
+    (tmp_path / "robot.urdf").write_text(chain_urdf("zyz", rail="y", extra=""))
+    robot = RobotDescription(
+        name="arm", model="robot.urdf", base="base", folder=str(tmp_path)
+    )
+    there = replace(robot, root_pose=RootPose(xyz, rpy))
+    for description, refused in ((robot, not fits), (there, False)):
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+        add_robot(plant, there)
+        plant.Finalize()
+        model = ControlModel.FromDescription(description, TIP)
+        told = pytest.raises(ModelError, match="the control model has it.*root_pose")
+        with told if refused else nullcontext():
+            controlled(plant, scene_graph, builder, control_model=model)
 
 
 def test_actuators_may_have_other_names():

@@ -101,6 +101,11 @@ def test_what_is_safe_is_commanded_as_it_is(loop):
         assert answer["why"] is None and answer["status"] == "tracking"
 
 
+def test_without_targets_nothing_is_held_back(loop):
+    command = loop.tick({})
+    assert command.status == "braking" and command.why is None
+
+
 def test_it_brakes_where_the_robot_does_not_follow(loop):
     home, elbow = loop.motion.q.copy(), loop.names.index("left_elbow")
     statuses = [

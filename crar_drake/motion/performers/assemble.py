@@ -12,6 +12,7 @@ from crar_drake.motion.file_frame import (
     find_frame,
     leg_length,
     seems_mirrored,
+    stands_along,
 )
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import (
@@ -236,7 +237,7 @@ def _orientations(
         why = "against the model's rest pose"
         return turned["pelvis"], turned, Fact("orientations", "", "file", why)
     turned = {joint: R_WF @ R @ R_WF.T for joint, R in rotations.items()}
-    if turned and recording.rest:
+    if turned and recording.rest and stands_along(recording.rest, R_WF[2]):
         why = "against the standing rest pose"
         return turned["pelvis"], turned, Fact("orientations", "", "file", why)
     # By geometry: y to the left hip, z up in the pelvis.

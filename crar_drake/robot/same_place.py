@@ -1,0 +1,73 @@
+"""Whether a robot in somebody's plant stands where its control model does."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    Joint,
+    ModelInstanceIndex,
+    PrismaticJoint,
+    RevoluteJoint,
+)
+from pydrake.systems.framework import Context
+
+from crar_drake.errors import ModelError
+from crar_drake.robot.model import ControlModel
+
+# Calibrations err by less; bases that are welded elsewhere by more [m, rad].
+_FAR = 0.05
+
+
+def check_place(
+    plant: MultibodyPlant, model: ControlModel, *part: ModelInstanceIndex
+) -> None:
+    """Compares the axes of all joints in the world, at rest; files may place frames as
+    they like along them. A root that floats has its place in the state.
+
+    Args:
+        plant: finalized, with positions of the same names as the model's.
+        model: of the same robot.
+        part: the robot's instance, if there are other things in the plant.
+
+    Raises:
+        ModelError: an axis is 5 cm or 0.05 rad from where the model has it, so that
+            gravity and targets would mean something else.
+    """
+    if model.num_free:
+        return
+    q = model.rest_positions()
+    theirs, ours = plant.CreateDefaultContext(), model.plant.CreateDefaultContext()
+    plant.SetPositions(theirs, *part, q)
+    model.plant.SetPositions(ours, q)
+    for joint in _joints(model.plant):
+        there = plant.GetJointByName(joint.name(), *part)
+        if type(there) is not type(joint):
+            continue  # the numbers of positions agree all the same
+        (a, p), (b, o) = _axis(there, theirs), _axis(joint, ours)
+        turn = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
+        apart = np.linalg.norm(np.cross(b, p - o))
+        if isinstance(joint, PrismaticJoint):
+            apart = 0.0  # whatever moves along is the same anywhere
+        if turn > _FAR or apart > _FAR:
+            raise ModelError(
+                f"joint {joint.name()} of the plant is {apart:.2f} m and {turn:.2f} "
+                "rad from where the control model has it: weld the robot where the "
+                "model's base is, or let the model be where the robot is: "
+                "dataclasses.replace(description, root_pose=RootPose(xyz, rpy))"
+            )
+
+
+def _joints(plant: MultibodyPlant) -> list[Joint]:
+    joints = map(plant.get_joint, plant.GetJointIndices())
+    return [j for j in joints if isinstance(j, RevoluteJoint | PrismaticJoint)]
+
+
+def _axis(joint: Joint, context: Context) -> tuple[np.ndarray, np.ndarray]:
+    """(3,) direction of a joint's axis, and (3,) a point on it, in the world [m]."""
+    X_WF = joint.frame_on_parent().CalcPoseInWorld(context)
+    if isinstance(joint, RevoluteJoint):
+        axis = joint.revolute_axis()
+    else:
+        axis = joint.translation_axis()
+    return X_WF.rotation() @ axis, X_WF.translation()

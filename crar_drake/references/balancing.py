@@ -34,12 +34,14 @@ from crar_drake.robot.task import Task
 from crar_drake.robot_import.link_outlines import links_outward
 from crar_drake.trajectory.balance import (
     Balance,
-    HalfPlanes,
     half_planes,
     point_masses,
 )
 from crar_drake.trajectory.body_points import ROOT, Placed
-from crar_drake.trajectory.optimiser import AtFrames, Problem
+from crar_drake.trajectory.optimiser import AtFrames, Problem, Wide
+
+_ROUNDS = 2
+_KEPT = 0.3  # share of the margin within which a frame is left alone
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ class BalancingParameters:
     carrying_weight: float = 35.0
     smoothing: float = 0.08  # [s]
     balance_weight: float = 60.0
+    most: float = 1e3
     margin: float = 0.015  # [m]
 
 
@@ -116,13 +119,31 @@ class Balancer:
             carries: (T, H) how much each hand carries the robot, from 0 to 1.
             progress: is called with the number of frames that are done.
         """
-        cleaner, support = self._cleaner, self._ground.support(motion)
+        for _ in range(_ROUNDS):
+            # Feet that were changed are planted in other frames.
+            support, was = self._ground.support(motion), motion
+            motion = self._balanced(was, support, carries, progress)
+            if motion is was:
+                break
+        return motion
+
+    def _balanced(
+        self,
+        motion: RobotMotion,
+        support: Support,
+        carries: np.ndarray,
+        progress: Callable[[int], None] | None,
+    ) -> RobotMotion:
+        """The motion balanced on a support, or itself."""
+        cleaner = self._cleaner
         columns = [motion.joint_names.index(x) for x in cleaner.model.joint_names]
         y = np.zeros((motion.num_frames, ROOT + len(columns)))
         y[:, ROOT:] = motion.joint_positions[:, columns]
         problem = self.problem(motion, support, carries, y)
         found, _, _ = cleaner.keeper.keep(problem, y, progress=progress)
         changed = (found != y).any(axis=1)
+        if not changed.any():
+            return motion
         joints, places = motion.joint_positions.copy(), motion.root_positions.copy()
         quaternions = motion.root_quaternions.copy()
         joints[:, columns] = found[:, ROOT:]
@@ -159,6 +180,16 @@ class Balancer:
             p_0, R_0 = (x[frames] for x in roots)
             return Placed(self._poses, self._rest, self._base, p_0, R_0, y)
 
+        points = support.points()
+        rows, kept = (
+            Balance(
+                placed,
+                self._masses,
+                half_planes(points, support.floor, share * p.margin),
+                motion.rate,
+            )
+            for share in (1.0, _KEPT)
+        )
         keeper = self._cleaner.keeper
         return Problem(
             tasks=self._tasks(placed, support, carries, y),
@@ -171,14 +202,10 @@ class Balancer:
             fastest=np.concatenate([nowhere, self._cleaner.fastest]),
             near_rows=keeper.near_rows,
             num_rows=keeper.num_rows,
-            wishes=Balance(
-                placed, self._masses, self._half_planes(support), motion.rate
+            wide=Wide(
+                rows, kept, rows.num_rows, rows.width, p.balance_weight**2, p.most
             ),
-            wish_weight=p.balance_weight**2,
         )
-
-    def _half_planes(self, support: Support) -> HalfPlanes:
-        return half_planes(support.points(), support.floor, self.parameters.margin)
 
     def _tasks(self, placed, support: Support, carries: np.ndarray, y: np.ndarray):
         p, cleaner = self.parameters, self._cleaner

@@ -395,16 +395,14 @@ def _outside_lines(clip: CleanedClip) -> list[str]:
     lines = []
     if clip.outside_in:
         lines.append(f"balance: outside in frames {_first(clip.outside_in)}")
-    if not clip.lifts_outside:
-        if clip.lifts:
-            lines.append(
-                f"balance: {clip.lifts} lifts of a foot, all balanced on the other"
+    for lifts in counted(clip.lifts, "lift", "of a foot"):
+        which = "all balanced on the other"
+        if clip.lifts_outside:
+            which = (
+                f"of which {clip.lifts_outside} not balanced on the other: "
+                f"{_first(clip.lifted_outside)}"
             )
-    else:
-        lines.append(
-            f"balance: {clip.lifts} lifts of a foot, of which {clip.lifts_outside} not "
-            f"balanced on the other: {_first(clip.lifted_outside)}"
-        )
+        lines.append(f"balance: {lifts}, {which}")
     return lines
 
 

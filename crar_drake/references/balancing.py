@@ -3,16 +3,18 @@
 Root and joints of all frames are found at once, with the unknowns y of `body_points`:
 
     minimise    1/2 sum_k [ |w x_k|^2 + |W (pose_k(y_k) - pose_k of the reference)|^2
-                            + |w tau^2 x''_k|^2 + |v (steps of what stands)|^2
-                            + |u (how far the centre of pressure is outside)|^2 ],
+                            + |w tau^2 x''_k|^2 + |v (steps of what stands)|^2 ],
 
 with x the change, and the poses those of feet and hands in the world.
 
 What is kept is kept as `cleaning` does: distances of watched pairs, limits and speeds,
-and meshes are parted. Balance is a wish, since no change may fulfil it: squares of how
-far the centre of pressure (`trajectory.balance`) is outside the support, shrunk by a
-margin. The supports are those of the reference. A motion whose wishes are fulfilled
-comes back bit for bit.
+and meshes are parted. Balance is kept with them: rows that hold the centre of pressure
+(`trajectory.balance`) inside the support, shrunk by a margin. It may be that no change
+keeps them: they give way where their multipliers reach a bound.
+
+The supports are those of the reference, but that a foot is lifted while the motion is
+balanced on the other (`ground_support.Support.stays`); a second round is of those of
+the first. A motion that keeps a part of the margin comes back bit for bit.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ from crar_drake.trajectory.balance import (
 from crar_drake.trajectory.body_points import ROOT, Placed
 from crar_drake.trajectory.optimiser import AtFrames, Problem, Wide
 
-_ROUNDS = 2
+_ROUNDS = 2  # feet that were changed are planted in other frames
 _KEPT = 0.3  # share of the margin within which a frame is left alone
 
 
@@ -56,7 +58,9 @@ class BalancingParameters:
         standing_weight: of the steps of what stands, from a frame to the next [1].
         hand_weight, carrying_weight: of the hands' places [1], and of hands that carry.
         smoothing: tau; changes that come and go within this time cost more [s].
-        balance_weight: of how far the centre of pressure is outside [1].
+        balance_weight: square root of the last penalty of how far the centre of
+            pressure is outside [1],
+        most: and the largest multiplier of that, beyond which it stays outside [m].
         margin: by which supports are shrunk [m].
     """
 
@@ -70,7 +74,7 @@ class BalancingParameters:
     carrying_weight: float = 35.0
     smoothing: float = 0.08  # [s]
     balance_weight: float = 60.0
-    most: float = 1e3
+    most: float = 1e3  # [m]
     margin: float = 0.015  # [m]
 
 
@@ -120,7 +124,6 @@ class Balancer:
             progress: is called with the number of frames that are done.
         """
         for _ in range(_ROUNDS):
-            # Feet that were changed are planted in other frames.
             support, was = self._ground.support(motion), motion
             motion = self._balanced(was, support, carries, progress)
             if motion is was:

@@ -546,7 +546,7 @@ def _note_of_balance(row: CleanedClip) -> str:
     """What a certificate says of balance, which it does not certify."""
     if not row.stands:
         return "balance: no foot is planted in any frame"
-    lifts = f"{row.lifts} lifts of a foot"
+    lifts = f"{row.lifts} lift{'' if row.lifts == 1 else 's'} of a foot"
     if row.lifted_outside:
         lifts += f", not balanced on what stays planted: {row.lifted_outside}"
     frames = f"; outside in frames {row.outside_in}" if row.outside_in else ""

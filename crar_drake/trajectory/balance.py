@@ -1,4 +1,4 @@
-"""What the ground would have to give, from positions of three frames in a row.
+"""What the ground would have to give, from positions of some frames in a row.
 
 A rigid body moves as any points do that have its mass, centre and inertia: here four of
 a quarter of its mass, at the corners of a tetrahedron. Of points m_i at p_i = (x, y, z)
@@ -13,8 +13,13 @@ of pressure is the horizontal part of H / F_z (M. Vukobratovic and B. Borovac,
 
     d_j = [(b_j - e) F_z - n_j . H] / (M g) >= 0,
 
-which divides by nothing, and asks for F_z >= 0 with it. Accelerations are second
-differences.
+which divides by nothing, and asks for F_z >= 0 with it.
+
+Each frame has such rows twice, of two accelerations. *Second differences* x'' are those
+of the mean force from the frame before to the frame after. On a *cubic spline* through
+the frames accelerations M swing beyond them: M_(k-1) + 4 M_k + M_(k+1) = 6 x''_k (C. de
+Boor, "A Practical Guide to Splines", 1978, ch. IV), of which five frames say most.
+Between two frames they are a mean of those at both.
 """
 
 from __future__ import annotations
@@ -35,8 +40,8 @@ _CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=fl
 # Second derivatives at the third of five samples: the second difference, and that of a
 # cubic spline, cut off, but right of parabolas.
 _BESIDE = 0.5 * (3.0**0.5 - 1.0)
-_OF_THREE = np.array([0.0, 1.0, -2.0, 1.0, 0.0])
-_OF_SPLINE = _OF_THREE - _BESIDE * np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+OF_THREE = np.array([0.0, 1.0, -2.0, 1.0, 0.0])
+OF_SPLINE = OF_THREE - _BESIDE * np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 _SIDES = 16  # of a hull, at most
 _SHARE_OF_WIDTH = 0.8  # of a narrow support's half width, that its margin is at most
 
@@ -221,7 +226,7 @@ class Balance:
         self._placed, self._masses = placed, masses
         self._support, self._rate = support, rate
         self._supported = support.supported
-        self.num_rows, self.width = 2 * support.bounds.shape[1], len(_OF_SPLINE)
+        self.num_rows, self.width = 2 * support.bounds.shape[1], len(OF_SPLINE)
 
     def __call__(self, frames: np.ndarray, y: np.ndarray) -> WideRows:
         """See `optimiser.Wide`."""
@@ -236,7 +241,7 @@ class Balance:
         kind = np.repeat([0, 1], [len(some), len(five)])
         some = np.concatenate([some, five])
         rows, t = rows[some], frames[some]
-        second = np.stack([_OF_THREE, _OF_SPLINE])[kind] * self._rate**2
+        second = np.stack([OF_THREE, OF_SPLINE])[kind] * self._rate**2
         masses = self._masses
         p, J = self._placed(frames, y).points(masses.links, masses.offsets)
         found, G = demand(

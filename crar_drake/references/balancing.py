@@ -10,7 +10,7 @@ with x the change, and the poses those of feet and hands in the world.
 What is kept is kept as `cleaning` does: distances of watched pairs, limits and speeds,
 and meshes are parted. Balance is kept with them: rows that hold the centre of pressure
 (`trajectory.balance`) inside the support, shrunk by a margin. It may be that no change
-keeps them: they give way where their multipliers reach a bound.
+keeps them all: their multipliers have a bound.
 
 The supports are those of the reference, but that a foot is lifted while the motion is
 balanced on the other (`ground_support.Support.stays`); a second round is of those of
@@ -60,7 +60,7 @@ class BalancingParameters:
         smoothing: tau; changes that come and go within this time cost more [s].
         balance_weight: square root of the last penalty of how far the centre of
             pressure is outside [1],
-        most: and the largest multiplier of that, beyond which it stays outside [m].
+        most: and the largest multiplier of that [m].
         margin: by which supports are shrunk [m].
     """
 

@@ -12,9 +12,10 @@ With y_k in R^m the unknowns of frame k, over the T frames of a motion:
 The tasks r, the posture c, the smoothness about a, and the steps g of f (0 of what
 stands still), are the caller's: for a reference motion that is to change the least, c =
 a is the reference. So are the *wide rows* b of several frames in a row, such as
-balance. It may be that no change keeps them: so their multipliers have a bound, and
-where that is reached they give way (an exact penalty, as in the elastic mode of P. E.
-Gill, W. Murray and M. A. Saunders, "SNOPT", SIAM Review 47(1), 2005).
+balance. It may be that no change keeps them: so their multipliers have a bound, beyond
+which they count as squares do, and outweigh no others (E. G. Birgin and J. M. Martinez,
+"Practical Augmented Lagrangian Methods for Constrained Optimization", SIAM 2014, ch. 4,
+where all have one).
 
 *Solver*. An augmented Lagrangian (J. Nocedal and S. J. Wright, "Numerical
 Optimization", 2nd ed., Alg. 17.4): with multipliers lambda of rows c(y) >= 0, minimise
@@ -655,7 +656,7 @@ class Part:
 
     def _lacking(self, live: _Live, at: _Linearised) -> tuple[np.ndarray, float]:
         """Which frames (P,) have rows that lack something, and what all rows lack
-        together [m]; wide ones that give way do not count."""
+        together [m]; wide ones at their bound do not count."""
         d, (limits, speeds) = at.rows.d, self._limits(at.y, live)
         wide = at.wide
         places = self._of_wide_rows(wide)

@@ -2,8 +2,6 @@
 
 python -m benchmarks.motion_balance g1_whole_body dance.csv cmu:05_02 ...
     [--page docs/measurements/motion-balance.md]
-
-Of people's alone the page has a table of its own.
 """
 
 from __future__ import annotations
@@ -90,14 +88,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     benchmark.parser.add_argument(
         "motions", nargs="+", help="robot motions (.csv, .npz, .pkl), or of people"
     )
-    arguments = benchmark.parse(
-        argv,
-        lambda given: (
-            "recordings"
-            if all(name.startswith("cmu:") for name in given.motions)
-            else "balance"
-        ),
-    )
+    arguments = benchmark.parse(argv, lambda given: "balance")
     robot, rows = whole_body_name(arguments.robot), []
     whole = WholeBody(load_robot_description(robot).without_ground())
     ground = Ground(whole)

@@ -130,10 +130,13 @@ def add_balance(parser: argparse.ArgumentParser) -> None:
         "--balance",
         action="store_true",
         help="move root and joints so that, while feet stand, the ground could give "
-        "what the motion takes: centres of pressure inside the support, as far as they "
-        "can be had; says in what share of the frames, before and after",
+        "what the motion takes: centres of pressure inside the support, that of the "
+        "other foot where one is lifted, as far as they can be had; says in what share "
+        "of the frames, before and after, and in which not",
     )
 
+
+_MOST = 6  # frames, and lifts, that are told of
 
 # Unit of --at-most: metres or radians in it.
 _UNITS = {
@@ -383,8 +386,32 @@ def balance_lines(clip: CleanedClip) -> list[str]:
         "and after; in 95 % of them the centre of pressure is outside the support by "
         f"at most {_outside(clip.outside_before)} and {_outside(clip.outside)}; the "
         f"root moved {_millimetres(clip.root_rms, clip.root_worst)} (a note on "
-        "feasibility, not a promise)"
+        "feasibility, not a promise)",
+        *_outside_lines(clip),
     ]
+
+
+def _outside_lines(clip: CleanedClip) -> list[str]:
+    """Where the ground could not give what a motion takes, and its lifts of a foot."""
+    lines = []
+    if clip.outside_in:
+        lines.append(f"balance: outside in frames {_first(clip.outside_in)}")
+    for lifts in counted(clip.lifts, "lift", "of a foot"):
+        which = "all balanced on the other"
+        if clip.lifts_outside:
+            which = (
+                f"of which {clip.lifts_outside} not balanced on the other: "
+                f"{_first(clip.lifted_outside)}"
+            )
+        lines.append(f"balance: {lifts}, {which}")
+    return lines
+
+
+def _first(words: str) -> str:
+    """The first ones of a list; its certificate has all."""
+    some = words.split(", ")
+    more = f" and {len(some) - _MOST} more" if len(some) > _MOST else ""
+    return ", ".join(some[:_MOST]) + more
 
 
 def _outside(length: float) -> str:

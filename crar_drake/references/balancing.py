@@ -3,16 +3,18 @@
 Root and joints of all frames are found at once, with the unknowns y of `body_points`:
 
     minimise    1/2 sum_k [ |w x_k|^2 + |W (pose_k(y_k) - pose_k of the reference)|^2
-                            + |w tau^2 x''_k|^2 + |v (steps of what stands)|^2
-                            + |u (how far the centre of pressure is outside)|^2 ],
+                            + |w tau^2 x''_k|^2 + |v (steps of what stands)|^2 ],
 
 with x the change, and the poses those of feet and hands in the world.
 
 What is kept is kept as `cleaning` does: distances of watched pairs, limits and speeds,
-and meshes are parted. Balance is a wish, since no change may fulfil it: squares of how
-far the centre of pressure (`trajectory.balance`) is outside the support, shrunk by a
-margin. The supports are those of the reference. A motion whose wishes are fulfilled
-comes back bit for bit.
+and meshes are parted. Balance is kept with them: rows that hold the centre of pressure
+(`trajectory.balance`) inside the support, shrunk by a margin. It may be that no change
+keeps them all: their multipliers have a bound.
+
+The supports are those of the reference, but that a foot is lifted while the motion is
+balanced on the other (`ground_support.Support.stays`); a second round is of those of
+the first. A motion that keeps a part of the margin comes back bit for bit.
 """
 
 from __future__ import annotations
@@ -34,12 +36,14 @@ from crar_drake.robot.task import Task
 from crar_drake.robot_import.link_outlines import links_outward
 from crar_drake.trajectory.balance import (
     Balance,
-    HalfPlanes,
     half_planes,
     point_masses,
 )
 from crar_drake.trajectory.body_points import ROOT, Placed
-from crar_drake.trajectory.optimiser import AtFrames, Problem
+from crar_drake.trajectory.optimiser import AtFrames, Problem, Wide
+
+_ROUNDS = 2  # feet that were changed are planted in other frames
+_KEPT = 0.3  # share of the margin within which a frame is left alone
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,9 @@ class BalancingParameters:
         standing_weight: of the steps of what stands, from a frame to the next [1].
         hand_weight, carrying_weight: of the hands' places [1], and of hands that carry.
         smoothing: tau; changes that come and go within this time cost more [s].
-        balance_weight: of how far the centre of pressure is outside [1].
+        balance_weight: square root of the last penalty of how far the centre of
+            pressure is outside [1],
+        most: and the largest multiplier of that [m].
         margin: by which supports are shrunk [m].
     """
 
@@ -68,6 +74,7 @@ class BalancingParameters:
     carrying_weight: float = 35.0
     smoothing: float = 0.08  # [s]
     balance_weight: float = 60.0
+    most: float = 1e3  # [m]
     margin: float = 0.015  # [m]
 
 
@@ -116,13 +123,30 @@ class Balancer:
             carries: (T, H) how much each hand carries the robot, from 0 to 1.
             progress: is called with the number of frames that are done.
         """
-        cleaner, support = self._cleaner, self._ground.support(motion)
+        for _ in range(_ROUNDS):
+            support, was = self._ground.support(motion), motion
+            motion = self._balanced(was, support, carries, progress)
+            if motion is was:
+                break
+        return motion
+
+    def _balanced(
+        self,
+        motion: RobotMotion,
+        support: Support,
+        carries: np.ndarray,
+        progress: Callable[[int], None] | None,
+    ) -> RobotMotion:
+        """The motion balanced on a support, or itself."""
+        cleaner = self._cleaner
         columns = [motion.joint_names.index(x) for x in cleaner.model.joint_names]
         y = np.zeros((motion.num_frames, ROOT + len(columns)))
         y[:, ROOT:] = motion.joint_positions[:, columns]
         problem = self.problem(motion, support, carries, y)
         found, _, _ = cleaner.keeper.keep(problem, y, progress=progress)
         changed = (found != y).any(axis=1)
+        if not changed.any():
+            return motion
         joints, places = motion.joint_positions.copy(), motion.root_positions.copy()
         quaternions = motion.root_quaternions.copy()
         joints[:, columns] = found[:, ROOT:]
@@ -159,6 +183,16 @@ class Balancer:
             p_0, R_0 = (x[frames] for x in roots)
             return Placed(self._poses, self._rest, self._base, p_0, R_0, y)
 
+        points = support.points()
+        rows, kept = (
+            Balance(
+                placed,
+                self._masses,
+                half_planes(points, support.floor, share * p.margin),
+                motion.rate,
+            )
+            for share in (1.0, _KEPT)
+        )
         keeper = self._cleaner.keeper
         return Problem(
             tasks=self._tasks(placed, support, carries, y),
@@ -171,14 +205,10 @@ class Balancer:
             fastest=np.concatenate([nowhere, self._cleaner.fastest]),
             near_rows=keeper.near_rows,
             num_rows=keeper.num_rows,
-            wishes=Balance(
-                placed, self._masses, self._half_planes(support), motion.rate
+            wide=Wide(
+                rows, kept, rows.num_rows, rows.width, p.balance_weight**2, p.most
             ),
-            wish_weight=p.balance_weight**2,
         )
-
-    def _half_planes(self, support: Support) -> HalfPlanes:
-        return half_planes(support.points(), support.floor, self.parameters.margin)
 
     def _tasks(self, placed, support: Support, carries: np.ndarray, y: np.ndarray):
         p, cleaner = self.parameters, self._cleaner

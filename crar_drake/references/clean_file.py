@@ -13,6 +13,7 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.files import check_file, whole_set
+from crar_drake.motion.planted_feet import runs
 from crar_drake.references.adjusting import (
     Frames,
     check_feet,
@@ -92,6 +93,12 @@ class CleanedClip(Change):
             motion takes; NaN without any.
         outside_before, outside: how far outside the support the centre of pressure is
             in them, in the worst of 95 % [m]; negative inside.
+        lifts: of feet while another one, or a hand, stays planted; -1 as well.
+        lifts_before, lifts_outside: those of them, of the motion before and after, that
+            are not balanced on what stays.
+        lifted_outside: which they are, and by how much, in words; "" if none is.
+        outside_in: frames in which the centre of pressure is outside, and by how
+            much, in words; "" without any.
         deepest: frame and pair of the deepest penetration, in words; "" without one.
         exceeded: what changed by more than was allowed, in words; "" if nothing did.
         guessed: what the file did not say and was guessed, in words; of a motion that
@@ -125,6 +132,11 @@ class CleanedClip(Change):
     given: float = np.nan
     outside_before: float = np.nan
     outside: float = np.nan
+    lifts: int = -1
+    lifts_before: int = -1
+    lifts_outside: int = -1
+    lifted_outside: str = ""
+    outside_in: str = ""
     deepest: str = ""
     exceeded: str = ""
     guessed: str = ""
@@ -506,24 +518,46 @@ def _row(
 
 def _ground_shares(ground: Ground, before: RobotMotion, after: RobotMotion) -> dict:
     """What a row has of balance."""
-    was, now = ground.outside(before), ground.outside(after)
+    (was, lifted_before), (now, lifted) = map(ground.judged, (before, after))
+    unbalanced = [lift for lift in lifted if lift.outside > 0.0]
     return {
         "stands": _count(~np.isnan(now)),
         "given_before": given_share(was),
         "given": given_share(now),
         "outside_before": worst_outside(was),
         "outside": worst_outside(now),
+        "lifts": len(lifted),
+        "lifts_before": _count([lift.outside > 0.0 for lift in lifted_before]),
+        "lifts_outside": len(unbalanced),
+        "lifted_outside": ", ".join(
+            f"{lift.foot} in frame {lift.frame + 1} ({_far(lift.outside)})"
+            for lift in unbalanced
+        ),
+        "outside_in": ", ".join(
+            f"{a + 1 if b == a + 1 else f'{a + 1}-{b}'} ({_far(now[a:b].max())})"
+            for a, b in runs(now > 0.0)
+        ),
     }
+
+
+def _far(outside: float) -> str:
+    if np.isinf(outside):
+        return "the ground had to pull"
+    return f"{1e3 * outside:.1f} mm"
 
 
 def _note_of_balance(row: CleanedClip) -> str:
     """What a certificate says of balance, which it does not certify."""
     if not row.stands:
         return "balance: no foot is planted in any frame"
+    lifts = f"{row.lifts} lift{'' if row.lifts == 1 else 's'} of a foot"
+    if row.lifted_outside:
+        lifts += f", not balanced on what stays planted: {row.lifted_outside}"
+    frames = f"; outside in frames {row.outside_in}" if row.outside_in else ""
     return (
         "balance, a note on feasibility: the ground could give what the motion takes "
         f"in {row.given:.4f} of the {row.stands} frames that stand, by inverse "
-        f"dynamics; in {row.given_before:.4f} before"
+        f"dynamics; in {row.given_before:.4f} before{frames}; {lifts}"
     )
 
 

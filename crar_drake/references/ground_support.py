@@ -29,6 +29,23 @@ from crar_drake.robot.description import find_root
 _MOST = 0.95  # share of the frames whose worst is told
 
 
+@dataclass(frozen=True)
+class Lift:
+    """A foot that is lifted while another one, or a hand, stays planted.
+
+    Attributes:
+        foot: its name.
+        frame: the last one in which it is planted.
+        outside: how far the centre of pressure is outside the support of what stays,
+            from this frame until a foot or hand is set down, or lifted [m]; negative
+            inside: the motion is *balanced on the other*.
+    """
+
+    foot: str
+    frame: int
+    outside: float
+
+
 @dataclass(frozen=True, eq=False)
 class Support:
     """What a motion of T frames stands on.
@@ -60,15 +77,45 @@ class Support:
         outside[~self.stands] = np.nan
         return outside
 
+    def lifts(self, wrench: GroundWrench) -> list[Lift]:
+        """Where a foot is lifted while another one, or a hand, stays planted."""
+        centres = wrench.centres(self.floor)
+        outside = outside_support(centres, self.soles, self.stays)
+        outside[np.isnan(outside)] = np.inf
+        planted, found = np.array(list(self.planted.values())), []
+        for foot in [foot for foot in FEET if foot in self.planted]:
+            own = self.planted[foot]
+            for frame in np.flatnonzero(own[:-1] & ~own[1:]):
+                alone, end = planted[:, frame + 1], frame + 1
+                if not (planted[:, frame] & alone).any():
+                    continue  # a jump
+                while end < len(own) and (planted[:, end] == alone).all():
+                    end += 1
+                judged = outside[max(frame, 1) : min(end, len(own) - 1)]
+                if len(judged):
+                    found.append(Lift(foot, int(frame), float(judged.max())))
+        return sorted(found, key=lambda lift: lift.frame)
+
+    @property
+    def stays(self) -> dict[str, np.ndarray]:
+        """Foot or hand to (T,) whether it is planted, but for the last frame of a
+        contact in which another carries that was planted in the frame before, too."""
+        planted = np.array(list(self.planted.values()))  # (F, T)
+        wide = np.pad(planted, ((0, 0), (1, 1)), mode="edge")
+        goes_on = planted & wide[:, 2:]
+        carried = (goes_on & wide[:, :-2]).any(axis=0)
+        return dict(zip(self.planted, np.where(carried, goes_on, planted), strict=True))
+
     def points(self) -> list[np.ndarray]:
-        """(T) of each frame that is judged (V, 2) the points that it stands on [m];
-        none of others."""
-        found = []
+        """(T) of each frame that is judged (V, 2) the points of what stays planted [m];
+        none of others. So a foot is lifted, and set down, while the motion is balanced
+        on the other."""
+        found, stays = [], self.stays
         for t, stands in enumerate(self.stands):
             on = [
                 p[t][p[t][:, 2] <= ON_THE_FLOOR][:, :2]
                 for foot, p in self.soles.items()
-                if stands and self.planted[foot][t]
+                if stands and stays[foot][t]
             ]
             found.append(np.concatenate([np.empty((0, 2)), *on]))
         return found
@@ -124,7 +171,12 @@ class Ground:
 
     def outside(self, motion: RobotMotion) -> np.ndarray:
         """(T,) as of `Support.outside`."""
-        return self.support(motion).outside(self.wrench(motion))
+        return self.judged(motion)[0]
+
+    def judged(self, motion: RobotMotion) -> tuple[np.ndarray, list[Lift]]:
+        """As of `Support.outside`, and of `Support.lifts`."""
+        support, wrench = self.support(motion), self.wrench(motion)
+        return support.outside(wrench), support.lifts(wrench)
 
 
 def given_share(outside: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""What the ground would have to give, from positions of three frames in a row.
+"""What the ground would have to give, from positions of some frames in a row.
 
 A rigid body moves as any points do that have its mass, centre and inertia: here four of
 a quarter of its mass, at the corners of a tetrahedron. Of points m_i at p_i = (x, y, z)
@@ -13,8 +13,13 @@ of pressure is the horizontal part of H / F_z (M. Vukobratovic and B. Borovac,
 
     d_j = [(b_j - e) F_z - n_j . H] / (M g) >= 0,
 
-which divides by nothing, and asks for F_z >= 0 with it. Accelerations are second
-differences.
+which divides by nothing, and asks for F_z >= 0 with it.
+
+Each frame has such rows twice, of two accelerations. *Second differences* x'' are those
+of the mean force from the frame before to the frame after. On a *cubic spline* through
+the frames accelerations M swing beyond them: M_(k-1) + 4 M_k + M_(k+1) = 6 x''_k (C. de
+Boor, "A Practical Guide to Splines", 1978, ch. IV), of which five frames say most.
+Between two frames they are a mean of those at both.
 """
 
 from __future__ import annotations
@@ -28,10 +33,16 @@ from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.equations.compilation import compiled
 from crar_drake.trajectory.body_points import Placed
-from crar_drake.trajectory.optimiser import Wishes
+from crar_drake.trajectory.optimiser import WideRows
 
 # Corners of a tetrahedron whose mean is 0, and whose mean square is 1 along each axis.
 _CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
+# Second derivatives at the third of five samples: the second difference, and that of a
+# cubic spline, cut off, but right of parabolas.
+_BESIDE = 0.5 * (3.0**0.5 - 1.0)
+OF_THREE = np.array([0.0, 1.0, -2.0, 1.0, 0.0])
+OF_SPLINE = OF_THREE - _BESIDE * np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+_SIDES = 16  # of a hull, at most
 _SHARE_OF_WIDTH = 0.8  # of a narrow support's half width, that its margin is at most
 
 
@@ -81,48 +92,52 @@ def demand(
     p: np.ndarray,
     J: np.ndarray,
     masses: np.ndarray,
-    middle: np.ndarray,
+    frames: np.ndarray,
+    second: np.ndarray,
     floor: np.ndarray,
-    rate: float,
     gravity: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """F_z, H_x and H_y over the weight, (R, 3) [1, m, m], and their gradients by the
-    unknowns of the three frames, (R, 3, 3, m).
+    unknowns of the W frames, (R, 3, W, m).
 
     Args:
         p, J: (K, P, 3) [m], (K, P, 3, m) places of points and their Jacobians.
         masses: (P,) [kg].
-        middle: (R,) the second of each three frames.
+        frames: (R, W) frames in a row; in the middle one the demand is asked.
+        second: (R, W) how much each counts in the second derivative [1/s^2].
         floor: (R,) its height [m].
-        rate: frames per second [Hz].
         gravity: [m/s^2].
     """
-    m, square = J.shape[3], rate * rate
-    found, G = np.zeros((len(middle), 3)), np.zeros((len(middle), 3, 3, m))
-    weight = masses.sum() * gravity
-    for r in range(len(middle)):
-        k = middle[r]
+    (R, W), m = frames.shape, J.shape[3]
+    found, G = np.zeros((R, 3)), np.zeros((R, 3, W, m))
+    weight, centre = masses.sum() * gravity, W // 2
+    for r in range(R):
+        k = frames[r, centre]
         for i in range(p.shape[1]):
             share = masses[i] / weight
             x, y, z = p[k, i, 0], p[k, i, 1], p[k, i, 2] - floor[r]
-            ax = square * (p[k - 1, i, 0] - 2.0 * p[k, i, 0] + p[k + 1, i, 0])
-            ay = square * (p[k - 1, i, 1] - 2.0 * p[k, i, 1] + p[k + 1, i, 1])
-            up = square * (p[k - 1, i, 2] - 2.0 * p[k, i, 2] + p[k + 1, i, 2])
-            up += gravity
+            ax, ay, up = 0.0, 0.0, gravity
+            for a in range(W):
+                at = frames[r, a]
+                ax += second[r, a] * p[at, i, 0]
+                ay += second[r, a] * p[at, i, 1]
+                up += second[r, a] * p[at, i, 2]
             found[r, 0] += share * up
             found[r, 1] += share * (up * x - z * ax)
             found[r, 2] += share * (up * y - z * ay)
-            for a in range(3):
-                by = share * square * (-2.0 if a == 1 else 1.0)
+            for a in range(W):
+                by, at = share * second[r, a], frames[r, a]
+                if by == 0.0:
+                    continue
                 for j in range(m):
-                    G[r, 0, a, j] += by * J[k + a - 1, i, 2, j]
-                    Jx, Jy, Jz = J[k + a - 1, i, :, j]
+                    Jx, Jy, Jz = J[at, i, :, j]
+                    G[r, 0, a, j] += by * Jz
                     G[r, 1, a, j] += by * (x * Jz - z * Jx)
                     G[r, 2, a, j] += by * (y * Jz - z * Jy)
             for j in range(m):
                 Jx, Jy, Jz = J[k, i, :, j]
-                G[r, 1, 1, j] += share * (up * Jx - ax * Jz)
-                G[r, 2, 1, j] += share * (up * Jy - ay * Jz)
+                G[r, 1, centre, j] += share * (up * Jx - ax * Jz)
+                G[r, 2, centre, j] += share * (up * Jy - ay * Jz)
     return found, G
 
 
@@ -151,7 +166,8 @@ class HalfPlanes:
 def half_planes(
     points: list[np.ndarray], floor: np.ndarray, margin: float
 ) -> HalfPlanes:
-    """The hulls of points on the floor.
+    """The hulls of points on the floor: of those that are the farthest in some
+    directions, since of a sole that is round there are hundreds.
 
     Args:
         points: (T) of each frame (V, 2) [m]. Where there are none, or all in a line, it
@@ -160,10 +176,13 @@ def half_planes(
         margin: by which hulls are shrunk [m]; of narrow ones half their half width.
     """
     hulls, margins = [], np.full(len(points), margin)
+    turns = np.arange(_SIDES) * 2.0 * np.pi / _SIDES
+    ways = np.stack([np.cos(turns), np.sin(turns)])
     for t, some in enumerate(points):
         hulls.append(np.zeros((0, 3)))
         if len(some) < 3:
             continue
+        some = some[np.unique((some @ ways).argmax(axis=0))]
         try:
             hull = ConvexHull(some)
         except QhullError:
@@ -183,7 +202,12 @@ def half_planes(
 
 
 class Balance:
-    """The wish that centres of pressure are inside the supports; see the module."""
+    """Rows that keep centres of pressure inside the supports; see the module.
+
+    Attributes:
+        num_rows: that a frame may have.
+        width: of how many frames each is.
+    """
 
     def __init__(
         self,
@@ -202,23 +226,31 @@ class Balance:
         self._placed, self._masses = placed, masses
         self._support, self._rate = support, rate
         self._supported = support.supported
+        self.num_rows, self.width = 2 * support.bounds.shape[1], len(OF_SPLINE)
 
-    def __call__(self, frames: np.ndarray, y: np.ndarray) -> Wishes:
-        """See `optimiser.Problem`."""
-        inner = np.zeros(len(frames), dtype=bool)
-        inner[1:-1] = frames[2:] - frames[:-2] == 2
-        middle = np.flatnonzero(inner & self._supported[frames])
-        if not len(middle):
-            return Wishes(middle, np.zeros(0), np.zeros((0, 3, y.shape[1])))
-        masses, t = self._masses, frames[middle]
+    def __call__(self, frames: np.ndarray, y: np.ndarray) -> WideRows:
+        """See `optimiser.Wide`."""
+        last, reach = len(self._supported) - 1, self.width // 2
+        wanted = np.clip(frames[:, None] + np.arange(-reach, reach + 1), 0, last)
+        rows = np.searchsorted(frames, wanted)
+        there = frames[np.minimum(rows, len(frames) - 1)] == wanted
+        inner = self._supported[frames] & (frames > 0) & (frames < last)
+        some = np.flatnonzero(inner & there.all(axis=1))
+        # Beside the first and the last frame there are three.
+        five = some[(frames[some] >= reach) & (frames[some] <= last - reach)]
+        kind = np.repeat([0, 1], [len(some), len(five)])
+        some = np.concatenate([some, five])
+        rows, t = rows[some], frames[some]
+        second = np.stack([OF_THREE, OF_SPLINE])[kind] * self._rate**2
+        masses = self._masses
         p, J = self._placed(frames, y).points(masses.links, masses.offsets)
         found, G = demand(
             p,
             J,
             masses.masses,
-            middle,
+            rows,
+            second,
             self._support.floor[t],
-            self._rate,
             masses.gravity,
         )
         n, b = self._support.normals[t], self._support.bounds[t]
@@ -227,6 +259,7 @@ class Balance:
         d = np.where(np.isfinite(b), b, 0.0) * found[:, :1] - (n * H).sum(axis=2)
         d -= self._support.margins[t, None]
         row, side = np.nonzero(np.isfinite(b))
-        share = np.column_stack([b[row, side], -n[row, side]])[:, :, None, None]
-        gradient = (share * G[row]).sum(axis=1)
-        return Wishes(middle[row], d[row, side], gradient)
+        share = np.column_stack([b[row, side], -n[row, side]])
+        gradient = np.einsum("ra,raWm->rWm", share, G[row])
+        number = side + kind[row] * b.shape[1]
+        return WideRows(rows[row], number, d[row, side], gradient)

@@ -6,8 +6,9 @@ Of L frames with m unknowns each the matrix is
     S_0  D_1  S_1' E_1
     E_0  S_1  D_2  ...
 
-with E diagonal, but where rows are of three frames in a row (`add_wide`). A Cholesky
-factorisation of its 2 m bands, or 3 m, takes a time that is linear in L.
+with E diagonal. Rows of more frames in a row (`add_wide`) fill these blocks, and others
+below. A Cholesky factorisation of its 2 m bands, or W m of rows of W frames, takes a
+time that is linear in L.
 """
 
 from __future__ import annotations
@@ -30,14 +31,15 @@ class Normal:
         S: (L - 1, m, m) below them: of frame k + 1 with frame k.
         E: (L - 2, m) the diagonals of the blocks below these.
         b: (L, m).
-        F: (L - 2, m, m) what is added to these blocks in full; (0, m, m) for nothing.
+        F: (A, L, m, m) what is added in full, of frame k + 2 + a with frame k: to the
+            blocks E, and to those below; none for nothing.
     """
 
     D: np.ndarray
     S: np.ndarray
     E: np.ndarray
     b: np.ndarray
-    F: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    F: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0, 0)))
 
     def of_frames(self, some: np.ndarray, b: np.ndarray) -> Normal:
         """Of some frames, in ascending order, the others held; to be added to.
@@ -64,7 +66,8 @@ class Normal:
         self.D[frames[:, None], n, n] += values
 
     def bands(self) -> np.ndarray:
-        """(2 m + 1, L m), or (3 m, L m), as LAPACK has them: from the diagonal down."""
+        """(2 m + 1, L m), or ((2 + A) m, L m), as LAPACK has them: from the diagonal
+        down."""
         filled = fill_bands(self.D, self.S, self.E, self.F)
         return filled.reshape(self.b.size, -1).T
 
@@ -86,10 +89,10 @@ def times(bands: np.ndarray, x: np.ndarray) -> np.ndarray:
 def fill_bands(
     D: np.ndarray, S: np.ndarray, E: np.ndarray, F: np.ndarray
 ) -> np.ndarray:
-    """(L, m, 2 m + 1), or (L, m, 3 m) with F, of a `Normal`: of each column the
+    """(L, m, 2 m + 1), or (L, m, (2 + A) m) with F, of a `Normal`: of each column the
     diagonal and what is below."""
     L, m = D.shape[:2]
-    columns = np.zeros((L, m, 3 * m if len(F) else 2 * m + 1))
+    columns = np.zeros((L, m, (2 + len(F)) * m if len(F) else 2 * m + 1))
     for k in range(L):
         for c in range(m):
             for i in range(c, m):
@@ -99,9 +102,9 @@ def fill_bands(
                     columns[k, c, m - c + i] = S[k, i, c]
             if k + 2 < L:
                 columns[k, c, 2 * m] = E[k, c]
-            if k < len(F):
+            for a in range(min(len(F), L - 2 - k)):
                 for i in range(m):
-                    columns[k, c, 2 * m - c + i] += F[k, i, c]
+                    columns[k, c, (2 + a) * m - c + i] += F[a, k, i, c]
     return columns
 
 
@@ -261,19 +264,19 @@ def add_wide(
     weight: float,
     target: np.ndarray,
 ) -> None:
-    """Adds the rows of least squares weight |g_0 x_j + g_1 x_k + g_2 x_l - target|^2 of
-    three frames in a row.
+    """Adds the rows of least squares weight |sum_a g_a x_(k_a) - target|^2 of W frames
+    in a row.
 
     Args:
-        D, S, F, b: of a `Normal`.
-        places: (R, 3) the frames j, k = j + 1 and l = k + 1; -1 where one is held.
-        g: (R, 3, m).
+        D, S, F, b: of a `Normal`, with W - 2 blocks F of each frame.
+        places: (R, W) the frames k_a, in ascending order; -1 where one is held.
+        g: (R, W, m).
         weight: of all.
         target: (R,).
     """
-    m = g.shape[2]
+    W, m = g.shape[1], g.shape[2]
     for r in range(len(g)):
-        for a in range(3):
+        for a in range(W):
             k = places[r, a]
             if k < 0:
                 continue
@@ -284,12 +287,17 @@ def add_wide(
                 b[k, i] += x * target[r]
                 for j in range(i + 1):
                     D[k, i, j] += x * g[r, a, j]
-                if a > 0 and places[r, a - 1] >= 0:
+                for c in range(a):
+                    before = places[r, c]
+                    # What is held between two of them is no place.
+                    by = k - before
+                    if before < 0 or by == 0:
+                        continue
                     for j in range(m):
-                        S[k - 1, i, j] += x * g[r, a - 1, j]
-                if a > 1 and places[r, 0] >= 0:
-                    for j in range(m):
-                        F[k - 2, i, j] += x * g[r, 0, j]
+                        if by == 1:
+                            S[before, i, j] += x * g[r, c, j]
+                        else:
+                            F[by - 2, before, i, j] += x * g[r, c, j]
 
 
 def _along_rows_loops(g, left, right, share, x):

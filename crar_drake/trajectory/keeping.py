@@ -227,7 +227,7 @@ class Keeper:
                 part.solve_without_rows()
             else:
                 asked = (x[at] for x in (state.at_frames, state.between, state.parts))
-                samples = _samples(*asked, first, last)
+                samples = _samples(*asked, first, last, _held(problem))
                 part = _part(problem, coarse, first, last, samples, effort)
                 part.begin()
             coarse[first:last] = part.y[part.free]
@@ -312,7 +312,12 @@ class Keeper:
                 self._solve_each(every, problem, y, solved, state.effort, state)
             for first, last, end in self._parts(solved & (attempt < _TRIES - 1)):
                 samples = _samples(
-                    state.at_frames, state.between, state.parts, first, last
+                    state.at_frames,
+                    state.between,
+                    state.parts,
+                    first,
+                    last,
+                    _held(problem),
                 )
                 part = _part(problem, y, first, last, samples, state.effort)
                 part.solve(round(_AROUND_AGAIN * self.rate))
@@ -494,7 +499,8 @@ def _part(
         samples: counted from the part's first frame.
         effort: is added to.
     """
-    before, after = max(0, first - 2), last if samples is None else last + 2
+    held = _held(problem)
+    before, after = max(0, first - held), last if samples is None else last + held
     y = y[before:after].copy()
     k = np.arange(before, before + len(y))
     if samples is None:
@@ -503,9 +509,14 @@ def _part(
     return Part(problem, before, y, free, samples, effort or Effort())
 
 
+def _held(problem: Problem) -> int:
+    """How many frames beside a part what it minimises, or keeps, has to do with."""
+    return 2 if problem.wide is None else problem.wide.width - 1
+
+
 def _begun_with(problem: Problem) -> int:
     """Each how many frames say what a change is, as far as it is smoothed."""
-    if problem.wishes is not None:
+    if problem.wide is not None:
         return 1
     return max(1, int(np.sqrt(problem.smoothness.min())))
 
@@ -521,7 +532,7 @@ def _of_each(problem: Problem, every: int) -> Problem:
         about=problem.about[::every],
         smoothness=problem.smoothness / every**2,
         fastest=problem.fastest * every,
-        wishes=None,
+        wide=None,
         near_rows=lambda at, y, look: problem.near_rows(
             replace(at, frame=every * at.frame), y, look
         ),
@@ -556,11 +567,12 @@ def _below(problem: Problem, y: np.ndarray, floor: float) -> np.ndarray:
 
 
 def _unfulfilled(problem: Problem, y: np.ndarray) -> np.ndarray:
-    """(T,) frames whose wishes are not fulfilled."""
+    """(T,) frames whose wide rows are not kept."""
     found = np.zeros(len(y), dtype=bool)
-    if problem.wishes is not None:
-        wishes = problem.wishes(np.arange(len(y)), y)
-        found[wishes.middle[wishes.d < -_LACKS]] = True
+    if problem.wide is not None:
+        rows = problem.wide.kept(np.arange(len(y)), y)
+        middle = rows.frames[:, problem.wide.width // 2]
+        found[middle[rows.d < 0.0]] = True
     return found
 
 
@@ -570,10 +582,11 @@ def _samples(
     parts: np.ndarray,
     first: int,
     last: int,
+    held: int,
 ) -> Samples:
     """At the frames first to last - 1, and between these and their neighbours, counted
-    from the part's first."""
-    before, frames = max(0, first - 2), len(asked)
+    from the part's first, so many before."""
+    before, frames = max(0, first - held), len(asked)
     at = np.arange(first, last)
     ways = np.arange(max(first - 1, 0), min(last, frames - 1))
     times = parts[ways] - 1

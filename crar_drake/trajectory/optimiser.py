@@ -4,15 +4,18 @@ With y_k in R^m the unknowns of frame k, over the T frames of a motion:
 
     minimise    1/2 sum_k [ |r_k(y_k)|^2 + |w (y_k - c_k)|^2
                             + |s (x_(k-1) - 2 x_k + x_(k+1))|^2
-                            + |v_k (f(y_(k+1)) - f(y_k) - g_k)|^2
-                            + u |max(0, -b(y_(k-1), y_k, y_(k+1)))|^2 ],   x = y - a
+                            + |v_k (f(y_(k+1)) - f(y_k) - g_k)|^2 ],       x = y - a
     such that   d((1 - t) y_k + t y_(k+1)) >= asked       at samples (k, t),
+                b(y_(k-2), ..., y_(k+2)) >= 0,
                 lower <= y_k <= upper,    |y_(k+1) - y_k| <= fastest.
 
 The tasks r, the posture c, the smoothness about a, and the steps g of f (0 of what
 stands still), are the caller's: for a reference motion that is to change the least, c =
-a is the reference. So are the *wishes* b of three frames in a row, which are wanted to
-be 0 or more, such as balance: one-sided squares, since no change may fulfil them.
+a is the reference. So are the *wide rows* b of several frames in a row, such as
+balance. It may be that no change keeps them: so their multipliers have a bound, beyond
+which they count as squares do, and outweigh no others (E. G. Birgin and J. M. Martinez,
+"Practical Augmented Lagrangian Methods for Constrained Optimization", SIAM 2014, ch. 4,
+where all have one).
 
 *Solver*. An augmented Lagrangian (J. Nocedal and S. J. Wright, "Numerical
 Optimization", 2nd ed., Alg. 17.4): with multipliers lambda of rows c(y) >= 0, minimise
@@ -54,8 +57,8 @@ from crar_drake.trajectory.distance_rows import NearRows, no_rows
 _PENALTIES = (1e2, 3e3, 1e5)
 _PENALTY_OF_JOINTS = 1e5
 
-# The wishes' weight grows with this power of the penalty.
-_WISH_GROWTH = 0.5
+# The penalty of wide rows grows with this power of that of the distances.
+_WIDE_GROWTH = 0.5
 
 _STEPS = 40  # Gauss-Newton steps of a minimisation, at most
 _HALVINGS = 8
@@ -72,7 +75,8 @@ _NO_COST = 1e-4  # or than this of this
 # What rows lack is to fall to this share with an update; else, so often in a row, more
 # updates are of no use.
 _LESS, _STALLS = 0.8, 2
-_LACKS = 1e-4  # a row that lacks less than this is settled [m]
+_LACKS = 1e-4  # a row that lacks less than this is settled [m],
+_WIDE_LACKS = 1e-3  # and a wide one [m]
 _ARM = 0.2  # what a joint's limit lacks counts as much as this far from its axis [m]
 
 # Rows count that are nearer than what is asked for and this [m], which goes with the
@@ -121,18 +125,51 @@ class Tasks(Protocol):
         """
 
 
-class Wishes(NamedTuple):
-    """What is wanted to be 0 or more, of three frames in a row each.
+class WideRows(NamedTuple):
+    """What is to be 0 or more, of W frames in a row each.
 
     Attributes:
-        middle: (R,) which of the frames that were given is the second.
+        frames: (R, W) which of the frames that were given; the middle one counts it.
+        row: (R,) and which of the rows that this may have.
         d: (R,) what it is [m].
-        gradient: (R, 3, m) of d by the unknowns of the three frames.
+        gradient: (R, W, m) of d by the unknowns of these frames.
     """
 
-    middle: np.ndarray
+    frames: np.ndarray
+    row: np.ndarray
     d: np.ndarray
     gradient: np.ndarray
+
+
+@dataclass(frozen=True)
+class Wide:
+    """Rows of several frames in a row.
+
+    Attributes:
+        rows: of some frames in ascending order, and their y (L, m); those all of whose
+            frames are among them.
+        kept: the same, of less: where these are 0 or more, nothing has to change.
+        num_rows: that a frame may have.
+        width: W.
+        penalty: their rho, under the last penalty [1/m^2].
+        most: their multipliers are not larger [1/m].
+    """
+
+    rows: Callable[[np.ndarray, np.ndarray], WideRows]
+    kept: Callable[[np.ndarray, np.ndarray], WideRows]
+    num_rows: int
+    width: int
+    penalty: float
+    most: float = np.inf
+
+
+def _no_wide_rows(m: int) -> WideRows:
+    """Of m unknowns a frame."""
+    nothing = np.zeros(0, dtype=int)
+    return WideRows(nothing[:, None], nothing, np.zeros(0), np.zeros((0, 1, m)))
+
+
+_NO_WIDE = Wide(*2 * (lambda frames, y: _no_wide_rows(y.shape[1]),), 0, 1, 1.0)
 
 
 @dataclass(frozen=True)
@@ -166,8 +203,7 @@ class Problem:
             and a length: the rows that keep less than that beyond what they are asked,
             which is what their `d` says.
         num_rows: number of rows that a sample may have.
-        wishes: of some frames in ascending order, and their y; None if there are none.
-        wish_weight: u [1/m^2].
+        wide: rows of several frames; None if there are none.
     """
 
     tasks: Tasks
@@ -180,8 +216,7 @@ class Problem:
     fastest: np.ndarray
     near_rows: Callable[[Samples, np.ndarray, float], NearRows]
     num_rows: int
-    wishes: Callable[[np.ndarray, np.ndarray], Wishes] | None = None
-    wish_weight: float = 1.0
+    wide: Wide | None = None
 
 
 @dataclass
@@ -206,7 +241,7 @@ class _Live:
     steps: np.ndarray  # from these frames to the next
     step_left: np.ndarray
     step_right: np.ndarray
-    near: np.ndarray  # frames of wishes that concern live ones
+    near: np.ndarray  # frames of wide rows that concern live ones
     place: np.ndarray  # of each frame among the live ones
 
 
@@ -217,7 +252,7 @@ class _Linearised:
     y: np.ndarray
     done: AtFrames  # at the frames that are seen
     rows: NearRows  # whose `sample` counts live ones
-    wishes: Wishes  # whose `middle` counts the part's frames
+    wide: WideRows  # whose `frames` are the part's
     merits: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (P,)
 
     @property
@@ -249,6 +284,7 @@ class Part:
 
     def __post_init__(self) -> None:
         some = slice(self.first, self.first + len(self.y))
+        self._wide = self.problem.wide or _NO_WIDE
         self._posture, self._about = (
             self.problem.posture[some],
             self.problem.about[some],
@@ -257,6 +293,7 @@ class Part:
         self._of_rows = np.zeros((len(self.samples.frame), self.problem.num_rows))
         self._of_limits = np.zeros((2, *self.y.shape))
         self._of_speeds = np.zeros((2, len(self.y) - 1, self.y.shape[1]))
+        self._of_wide = np.zeros((len(self.y), self._wide.num_rows))
         self._stiffness = _second_differences(len(self.y))
 
     def solve_without_rows(self) -> None:
@@ -359,7 +396,7 @@ class Part:
             steps,
             place[steps],
             place[steps + 1],
-            np.flatnonzero(spread(mask, 2)),
+            np.flatnonzero(spread(mask, self._wide.width - 1)),
             place[:-1],
         )
 
@@ -376,23 +413,24 @@ class Part:
         rows = no_rows(y.shape[1])
         if penalty:
             rows = problem.near_rows(samples, at, look)
-        new = _Linearised(y, done, rows, self._wishes(y, live))
+        new = _Linearised(y, done, rows, self._wide_rows(y, live))
         new.merits = self._merits(new, live, penalty)
         return new
 
-    def _wish_weight(self, penalty: float) -> float:
-        """It grows with the penalty; without rows it is what it is in the end."""
+    def _wide_penalty(self, penalty: float) -> float:
+        """It grows with that of the distances; without these it is the last one."""
         share = penalty / _PENALTIES[-1] if penalty else 1.0
-        return self.problem.wish_weight * share**_WISH_GROWTH
+        return self._wide.penalty * share**_WIDE_GROWTH
 
-    def _wishes(self, y: np.ndarray, live: _Live) -> Wishes:
-        if self.problem.wishes is None:
-            nothing = np.zeros(0, dtype=int)
-            return Wishes(nothing, np.zeros(0), np.zeros((0, 3, y.shape[1])))
-        found = self.problem.wishes(self.first + live.near, y[live.near])
-        middle = live.near[found.middle]
-        moves = (live.place[middle[:, None] + [-1, 0, 1]] >= 0).any(axis=1)
-        return Wishes(middle[moves], found.d[moves], found.gradient[moves])
+    def _wide_rows(self, y: np.ndarray, live: _Live) -> WideRows:
+        found = self._wide.rows(self.first + live.near, y[live.near])
+        found = found._replace(frames=live.near[found.frames])
+        moves = (live.place[found.frames] >= 0).any(axis=1)
+        return WideRows(*(x[moves] for x in found))
+
+    def _of_wide_rows(self, rows: WideRows) -> tuple[np.ndarray, np.ndarray]:
+        """Where their multipliers are."""
+        return rows.frames[:, rows.frames.shape[1] // 2], rows.row
 
     def _limits(self, y: np.ndarray, live: _Live) -> tuple[np.ndarray, np.ndarray]:
         """(2, L, m), (2, K, m) what is left to limits and speeds, either way."""
@@ -423,7 +461,12 @@ class Part:
             ),
             (_PENALTY_OF_JOINTS, self._of_limits[:, live.frames], limits, live.frames),
             (_PENALTY_OF_JOINTS, self._of_speeds[:, live.steps], speeds, live.steps),
-            (self._wish_weight(penalty), 0.0, at.wishes.d, at.wishes.middle),
+            (
+                self._wide_penalty(penalty),
+                self._of_wide[self._of_wide_rows(at.wide)],
+                at.wide.d,
+                self._of_wide_rows(at.wide)[0],
+            ),
         ):
             lacks = np.maximum(0.0, lam / rho - c)
             squares = lacks * lacks
@@ -446,22 +489,23 @@ class Part:
         limits = self._of_limits[:, live.frames] / rho - limits
         speeds = self._of_speeds[:, live.steps] / rho - speeds
         frames, m = base.b.shape
-        wish = self._wish_weight(penalty)
-        threes = live.place[at.wishes.middle[:, None] + [-1, 0, 1]]  # (R, 3)
-        bands, weights = base.bands(), (penalty, rho, rho, wish)
+        of_wide, wide = self._wide_penalty(penalty), at.wide
+        wide_places = live.place[wide.frames]  # (R, W)
+        bands, weights = base.bands(), (penalty, rho, rho, of_wide)
 
         def moved(step: np.ndarray) -> tuple[np.ndarray, ...]:
-            wide = np.vstack([step, np.zeros(m)])  # -1: a frame that is held
-            change = wide[live.step_right] - wide[live.step_left]
+            moving = np.vstack([step, np.zeros(m)])  # -1: a frame that is held
+            change = moving[live.step_right] - moving[live.step_left]
             return (
                 along_rows(rows.gradient, left, right, t, step),
                 np.stack([step, -step]),
                 np.stack([-change, change]),
-                (at.wishes.gradient * wide[threes]).sum(axis=(1, 2)),
+                (wide.gradient * moving[wide_places]).sum(axis=(1, 2)),
             )
 
         step, slope = np.zeros((frames, m)), -base.b
-        lacks = shift, limits, speeds, -at.wishes.d
+        kept = self._of_wide[self._of_wide_rows(wide)] / of_wide - wide.d
+        lacks = shift, limits, speeds, kept
         before, share = None, 0.0
         for _ in range(_ACTIVE_SETS):
             on = tuple(c > 0.0 for c in lacks)
@@ -474,7 +518,7 @@ class Part:
                 for side in sides:
                     turned[side[side >= 0]] = True
                 turned |= (on[1] != before[1]).any(axis=(0, 2))
-                other = threes[on[3] != before[3]]
+                other = wide_places[on[3] != before[3]]
                 turned[other[other >= 0]] = True
                 if not turned.any():
                     break
@@ -507,16 +551,16 @@ class Part:
             for places, sign in zip(ends, (-1.0, 1.0), strict=True):
                 there = places >= 0
                 normal.b[places[there]] += sign * push[there]
-            if len(threes) and len(some) > 2:
-                normal.F = np.zeros((len(some) - 2, m, m))
+            if len(wide.d):
+                normal.F = np.zeros((wide_places.shape[1] - 2, len(some), m, m))
                 add_wide(
                     normal.D,
                     normal.S,
                     normal.F,
                     normal.b,
-                    place[threes[on[3]]],
-                    at.wishes.gradient[on[3]],
-                    wish,
+                    place[wide_places[on[3]]],
+                    wide.gradient[on[3]],
+                    of_wide,
                     lacks[3][on[3]],
                 )
             self.effort.factorised += 1
@@ -599,6 +643,10 @@ class Part:
         self._of_rows[some[rows.sample], rows.row] = np.maximum(
             0.0, lam - penalty * rows.d
         )
+        wide = at.wide
+        places = self._of_wide_rows(wide)
+        lam = self._of_wide[places] - self._wide_penalty(penalty) * wide.d
+        self._of_wide[places] = np.clip(lam, 0.0, self._wide.most)
         limits, speeds = self._limits(at.y, live)
         for lam, places, c in (
             (self._of_limits, live.frames, limits),
@@ -608,14 +656,18 @@ class Part:
 
     def _lacking(self, live: _Live, at: _Linearised) -> tuple[np.ndarray, float]:
         """Which frames (P,) have rows that lack something, and what all rows lack
-        together [m]."""
+        together [m]; wide ones at their bound do not count."""
         d, (limits, speeds) = at.rows.d, self._limits(at.y, live)
+        wide = at.wide
+        places = self._of_wide_rows(wide)
+        stays = self._of_wide[places] < self._wide.most
         lacking = np.zeros(len(at.y), dtype=bool)
         low = live.samples[at.rows.sample[d < -_LACKS]]
         lacking[self.samples.frame[low]] = True
         lacking[live.frames[(limits < -_LACKS / _ARM).any(axis=(0, 2))]] = True
         lacking[live.steps[(speeds < -_LACKS / _ARM).any(axis=(0, 2))]] = True
-        lacks = -np.minimum(d, 0.0).sum()
+        lacking[places[0][stays & (wide.d < -_WIDE_LACKS)]] = True
+        lacks = -np.minimum(d, 0.0).sum() - np.minimum(wide.d[stays], 0.0).sum()
         lacks -= sum(_ARM * np.minimum(x, 0.0).sum() for x in (limits, speeds))
         return lacking, float(lacks)
 

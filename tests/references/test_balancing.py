@@ -6,14 +6,22 @@ import numpy as np
 import pytest
 from small_biped import biped
 from small_reference_robots import write_csv, write_robot
-from small_walker import ANKLE_HEIGHT, HIP, SHANK, THIGH, walker
+from small_walker import ANKLE_HEIGHT, HALF_WIDTH, HIP, SHANK, THIGH, walker
 
 from crar_drake.commands import main
+from crar_drake.commands.clean import balance_lines
 from crar_drake.errors import ModelError
+from crar_drake.references import clean_file as clean_file_module
 from crar_drake.references.balancing import Balancer
 from crar_drake.references.change import find_change
+from crar_drake.references.clean_file import clean_file
 from crar_drake.references.cleaning import Cleaner
-from crar_drake.references.ground_support import Ground, given_share, worst_outside
+from crar_drake.references.ground_support import (
+    Ground,
+    Support,
+    given_share,
+    worst_outside,
+)
 from crar_drake.references.motion_certificate import read_certificate
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.robot_motion import RobotMotion
@@ -61,6 +69,17 @@ def standing(robot, joint: str, angle: np.ndarray) -> RobotMotion:
         p[:, 0], p[:, 2] = arm * np.sin(angle), height
         turns[:, 0], turns[:, 2] = np.cos(0.5 * angle), np.sin(0.5 * angle)
     return RobotMotion(robot.joint_names, p, turns, q, RATE)
+
+
+def lifting(robot) -> RobotMotion:
+    """Both feet stand; from frame 30 on the left one rises by 6 cm in 0.2 s, the knee
+    bent, and stays there, while all above stays midway between the feet."""
+    angle = 0.4 * np.clip((np.arange(FRAMES) - 30.0) / 6.0, 0.0, 1.0)
+    motion = standing(robot, "pitch", np.zeros(FRAMES))
+    q = motion.joint_positions.copy()
+    for joint, share in (("hip_pitch", -1.0), ("shank", 2.0), ("ankle", -1.0)):
+        q[:, robot.joint_names.index(f"left_{joint}_j")] = share * angle
+    return replace(motion, joint_positions=q)
 
 
 def sway(size: float, frequency: float) -> np.ndarray:
@@ -130,6 +149,38 @@ def test_a_second_away_from_it_a_motion_stays_to_the_last_bit(made):
     assert given_share(ground.outside(found)) > given_share(ground.outside(motion))
 
 
+def test_a_foot_is_lifted_once_the_other_balances(made):
+    robot, ground, _ = made
+    motion = lifting(robot)
+    _, (before,) = ground.judged(motion)
+    assert before.foot == "left_foot" and 30 <= before.frame <= 36
+    # Midway is 9 cm from the right foot's middle, and it is 6 cm wide.
+    assert before.outside == pytest.approx(HIP[1] - HALF_WIDTH, abs=0.02)
+    found = balanced(made, motion)
+    outside, (lift,) = ground.judged(found)
+    assert lift.foot == "left_foot" and abs(lift.frame - before.frame) <= 1
+    assert lift.outside < 0.0 and np.nanmax(outside) < 0.0
+    # And stays to the last bit, if it is balanced again.
+    again = balanced(made, found)
+    np.testing.assert_array_equal(again.joint_positions, found.joint_positions)
+
+
+def test_what_carries_where_a_foot_is_lifted():
+    """The right foot alone in the last frame of the left one; both, where it was set
+    down in that frame only, and where none goes on."""
+    left = np.array([1, 1, 1, 0, 0, 1, 0, 1, 0], dtype=bool)
+    right = np.array([0, 1, 1, 1, 1, 0, 1, 1, 0], dtype=bool)
+    support = Support(
+        np.zeros(9),
+        {foot: np.zeros((9, 1, 3)) for foot in ("left_foot", "right_foot")},
+        {"left_foot": left, "right_foot": right},
+    )
+    stays = support.stays
+    expected = np.array([1, 1, 0, 0, 0, 1, 0, 1, 0], dtype=bool)
+    np.testing.assert_array_equal(stays["left_foot"], expected)
+    np.testing.assert_array_equal(stays["right_foot"], right)
+
+
 def test_flights_are_left_as_they_are(made):
     robot, ground, _ = made
     motion = standing(robot, "pitch", sway(0.3, 2.0))
@@ -155,20 +206,52 @@ def test_who_needs_no_ground_or_has_no_soles_is_told(tmp_path):
         Ground(WholeBody(load_robot_description(place)))
 
 
-def test_the_command_says_what_became_of_it(made, folder, tmp_path, capsys):
-    robot, ground, _ = made
-    motion = standing(robot, "pitch", sway(0.1, 1.0))
-    path = write_csv(tmp_path / "sway.csv", motion.joint_positions)
+def written(path, motion: RobotMotion):
+    write_csv(path, motion.joint_positions)
     rows = np.loadtxt(path, delimiter=",")
     rows[:, :3], rows[:, 3:7] = motion.root_positions, motion.root_quaternions
     np.savetxt(path, rows, delimiter=",", fmt="%.10g")
+    return path
+
+
+def test_the_command_says_of_which_lifts_and_frames(made, folder, tmp_path, capsys):
+    robot, ground, _ = made
+    motion, out = lifting(robot), tmp_path / "out.csv"
+    path = written(tmp_path / "lifting.csv", motion)
+    given = ["clean", str(path), "--robot", str(folder), "--layout", "wxyz-csv"]
+    assert main([*given, "--out", str(out), "--no-page", "--balance"]) == 0
+    said = capsys.readouterr().out
+    assert "balance: 1 lift of a foot, all balanced on the other" in said
+    assert "outside in frames" not in said
+    note = read_certificate(tmp_path / "out.certificate.json")["notes"][""]
+    assert note.endswith("; 1 lift of a foot")
+    # What it says of the motion as it was: that it stands on one foot to the end.
+    (clip,) = clean_file(path, out, str(folder), layout="wxyz-csv", balance=True)
+    clip = replace(clip, **clean_file_module._ground_shares(ground, motion, motion))
+    outside, (lift,) = ground.judged(motion)
+    worst = 1e3 * outside[lift.frame + 1 : -1].max()
+    frames = f"outside in frames {lift.frame + 2}-{FRAMES - 1} ({worst:.1f} mm)"
+    which = f"left_foot in frame {lift.frame + 1} ({1e3 * lift.outside:.1f} mm)"
+    assert balance_lines(clip)[1:] == [
+        f"balance: {frames}",
+        f"balance: 1 lift of a foot, of which 1 not balanced on the other: {which}",
+    ]
+    note = clean_file_module._note_of_balance(clip)
+    words = f"; {frames}; 1 lift of a foot, not balanced on what stays planted: {which}"
+    assert note.endswith(words)
+
+
+def test_the_command_says_what_became_of_it(made, folder, tmp_path, capsys):
+    robot, ground, _ = made
+    motion = standing(robot, "pitch", sway(0.1, 1.0))
+    path = written(tmp_path / "sway.csv", motion)
     out = tmp_path / "out.csv"
     given = ["clean", str(path), "--robot", str(folder), "--layout", "wxyz-csv"]
     given += ["--out", str(out), "--no-page"]
     assert main([*given, "--balance"]) == 0
     said = capsys.readouterr().out
-    written = read_motion(out, "wxyz-csv", None, robot=robot)
-    shares = [given_share(ground.outside(m)) for m in (motion, written)]
+    kept = read_motion(out, "wxyz-csv", None, robot=robot)
+    shares = [given_share(ground.outside(m)) for m in (motion, kept)]
     assert shares[0] < 0.7 and shares[1] == 1.0
     assert f"{100 * shares[0]:.0f} % and 100 % of the frames that stand" in said
     certificate = read_certificate(tmp_path / "out.certificate.json")

@@ -151,27 +151,46 @@ def _gaps(H: np.ndarray, some: np.ndarray) -> np.ndarray:
     return H
 
 
-def test_squares_of_three_frames_in_a_row_are_those_of_the_dense_matrix():
-    """Of frames 0 to 4, and of some whose first, middle or last is held."""
-    rng = np.random.default_rng(8)
-    places = np.array([[0, 1, 2], [2, 3, 4], [-1, 0, 1], [3, 4, -1], [1, -1, -1]])
-    g, target = rng.normal(size=(5, 3, 2)), rng.normal(size=5)
+@pytest.mark.parametrize("width", [3, 5])
+def test_squares_of_frames_in_a_row_are_those_of_the_dense_matrix(width):
+    """Of all frames of a row, and of some the first, the last or the middle of which
+    are held, so that others are neighbours."""
+    rng, frames = np.random.default_rng(8), width + 2
+    whole = np.arange(width)
+    gap = np.where(
+        whole == width // 2, -1, np.where(whole > width // 2, whole - 1, whole)
+    )
+    places = np.array(
+        [
+            whole,
+            whole + 2,
+            np.where(whole < 1, -1, whole - 1),
+            np.where(whole > 1, -1, whole + frames - 2),
+            gap,
+        ]
+    )
+    g, target = rng.normal(size=(5, width, 2)), rng.normal(size=5)
     g[0, 1, 0] = 0.0
-    A = np.zeros((5, 5, 2))
+    A = np.zeros((5, frames, 2))
     for r, some in enumerate(places):
         for a, k in enumerate(some):
             if k >= 0:
                 A[r, k] += g[r, a]
-    A = A.reshape(5, 10)
+    A = A.reshape(5, -1)
     for form in forms(add_wide):
-        normal = some_normal(5, 2, 4)
+        normal = some_normal(frames, 2, 4)
         before, pull = dense(normal), normal.b.copy()
-        normal.F = np.zeros((3, 2, 2))
+        normal.F = np.zeros((width - 2, frames, 2, 2))
         form(normal.D, normal.S, normal.F, normal.b, places, g, 1.7, target)
         H = dense(normal)
-        for k in range(3):
-            H[2 * k + 4 : 2 * k + 6, 2 * k : 2 * k + 2] += normal.F[k]
-            H[2 * k : 2 * k + 2, 2 * k + 4 : 2 * k + 6] += normal.F[k].T
+        for a, blocks in enumerate(normal.F, start=2):
+            for k in range(frames - a):
+                here, there = (
+                    slice(2 * k, 2 * k + 2),
+                    slice(2 * (k + a), 2 * (k + a) + 2),
+                )
+                H[there, here] += blocks[k]
+                H[here, there] += blocks[k].T
         np.testing.assert_allclose(H - before, 1.7 * A.T @ A, atol=1e-12)
         np.testing.assert_allclose(
             (normal.b - pull).ravel(), 1.7 * A.T @ target, atol=1e-12

@@ -13,7 +13,8 @@ from crar_drake.trajectory.optimiser import (
     Part,
     Problem,
     Samples,
-    Wishes,
+    Wide,
+    WideRows,
     spread,
 )
 
@@ -234,37 +235,74 @@ def bent(frames, y):
     gradient = np.zeros((len(middle), 3, M))
     gradient[:, :, 0] = [1.0, -2.0, 1.0]
     gradient[:, 1, 1] = -0.2 * y[middle, 1]
-    return Wishes(middle, bend + 0.002 - 0.1 * y[middle, 1] ** 2, gradient)
+    d = bend + 0.002 - 0.1 * y[middle, 1] ** 2
+    return WideRows(middle[:, None] + [-1, 0, 1], 0 * middle, d, gradient)
 
 
-@pytest.mark.parametrize("held", [False, True])
-def test_wishes_of_three_frames_are_one_sided_squares(held):
-    """Whose minimum, without rows, is that which SciPy finds; with frames that are held
-    beside them as well."""
-    weight = 50.0
-    of = problem(
-        wishes=bent,
-        wish_weight=weight**2,
+PENALTY = 4e4
+
+
+def bending(most: float = np.inf) -> Problem:
+    return problem(
+        wide=Wide(bent, bent, num_rows=1, width=3, penalty=PENALTY, most=most),
         fastest=np.full(M, np.inf),
         lower=np.full(M, -np.inf),
         upper=np.full(M, np.inf),
         near_rows=lambda at, y, look: no_rows(M),
     )
-    free = np.ones(FRAMES, dtype=bool)
-    if held:
-        free[[0, 1, 2, 10, 11]] = False
+
+
+def solved(of: Problem, free: np.ndarray) -> np.ndarray:
     part = Part(of, 0, of.posture.copy(), free, samples())
     part.begin()
     part.solve(FRAMES)
+    return part.y
 
-    def merit(x):
+
+@pytest.mark.parametrize("held", [False, True])
+def test_rows_of_three_frames_are_kept_at_the_least_cost(held):
+    """As SciPy's sequential programs keep them; with held frames beside them, too."""
+    of, free = bending(), np.ones(FRAMES, dtype=bool)
+    if held:
+        free[[0, 1, 2]] = False
+
+    def whole(x):
         y = of.posture.copy()
         y[free] = x.reshape(-1, M)
-        lacks = np.minimum(0.0, bent(np.arange(FRAMES), y).d)
-        return cost(of, y) + 0.5 * weight**2 * float((lacks**2).sum())
+        return y
 
-    assert bent(np.arange(FRAMES), of.posture).d.min() < -0.01
-    found = minimize(merit, part.y[free].ravel(), options={"gtol": 1e-9})
-    assert merit(part.y[free].ravel()) < 1.01 * found.fun
-    assert found.fun < 0.5 * merit(of.posture[free].ravel())
-    np.testing.assert_array_equal(part.y[~free], of.posture[~free])
+    concerned = spread(free, 1)[1:-1]
+    assert bent(np.arange(FRAMES), of.posture).d[concerned].min() < -0.01
+    y = solved(of, free)
+    assert bent(np.arange(FRAMES), y).d[concerned].min() > -1e-3
+    found = minimize(
+        lambda x: cost(of, whole(x)),
+        y[free].ravel(),
+        method="SLSQP",
+        constraints={
+            "type": "ineq",
+            "fun": lambda x: bent(np.arange(FRAMES), whole(x)).d[concerned],
+        },
+        options={"ftol": 1e-12, "maxiter": 500},
+    )
+    assert found.success
+    assert 0.98 * found.fun < cost(of, y) < 1.01 * found.fun
+    assert found.fun > 1.2 * cost(of, solved(replace(of, wide=None), free))
+    np.testing.assert_array_equal(y[~free], of.posture[~free])
+
+
+def test_rows_whose_multipliers_are_at_their_bound_are_squares():
+    """With a bound of 0: SciPy minimises the sum of both."""
+    of, free = bending(most=0.0), np.ones(FRAMES, dtype=bool)
+    of = replace(of, wide=replace(of.wide, penalty=200.0))
+
+    def merit(x):
+        y = x.reshape(FRAMES, M)
+        lacks = np.minimum(0.0, bent(np.arange(FRAMES), y).d)
+        return cost(of, y) + 100.0 * float((lacks**2).sum())
+
+    y = solved(of, free)
+    assert bent(np.arange(FRAMES), y).d.min() < -5e-3
+    found = minimize(merit, y.ravel(), options={"gtol": 1e-9})
+    assert merit(y.ravel()) < 1.01 * found.fun
+    assert found.fun < 0.8 * merit(of.posture.ravel())

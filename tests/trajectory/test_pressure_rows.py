@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from floating_robots import write_floater
 from pydrake.multibody.tree import JointIndex
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from crar_drake.references.ground_demand import ground_wrench
@@ -15,6 +16,8 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.robot_import.link_outlines import links_outward
 from crar_drake.trajectory.balance import (
+    OF_SPLINE,
+    OF_THREE,
     Balance,
     demand,
     half_planes,
@@ -101,7 +104,8 @@ def test_it_is_what_inverse_dynamics_says(floater):
         times = np.concatenate(
             [t + np.array([-1, 0, 1]) / rate for t in (0.1, 0.7, 1.9)]
         )
-        middle = np.array([1, 4, 7])
+        rows = np.arange(9).reshape(3, 3)
+        middle = rows[:, 1]
         p, J = floater.placed(np.arange(9), floater.unknowns(times)).points(
             floater.masses.links, floater.masses.offsets
         )
@@ -109,9 +113,9 @@ def test_it_is_what_inverse_dynamics_says(floater):
             p,
             J,
             floater.masses.masses,
-            middle,
+            rows,
+            np.tile(rate**2 * OF_THREE[1:-1], (3, 1)),
             np.full(3, FLOOR),
-            rate,
             floater.masses.gravity,
         )
         wrench = floater.wrench(times[middle])
@@ -124,44 +128,79 @@ def test_it_is_what_inverse_dynamics_says(floater):
     assert errors[1] < 1e-5 and errors[1] < 0.3 * errors[0]
 
 
+@pytest.mark.parametrize("second", [OF_THREE, OF_SPLINE])
+def test_a_mass_at_constant_acceleration_presses_behind_itself(second):
+    """At x - z a_x / (a_z + g) of its place, by hand; parabolas are exact."""
+    rate, g, a = 25.0, 9.81, np.array([1.5, -0.4, 2.0])
+    t = np.arange(-2, 3) / rate
+    p = ([0.2, -0.1, 0.8] + 0.5 * t[:, None] ** 2 * a)[:, None]
+    found, _ = demand(
+        p,
+        np.zeros((5, 1, 3, 1)),
+        np.array([3.0]),
+        np.arange(5)[None],
+        rate**2 * second[None],
+        np.array([FLOOR]),
+        g,
+    )
+    arm = (0.8 - FLOOR) / (a[2] + g)
+    expected = 0.2 - arm * a[0], -0.1 - arm * a[1]
+    np.testing.assert_allclose(found[0, 0], 1.0 + a[2] / g, rtol=1e-9)
+    np.testing.assert_allclose(found[0, 1:] / found[0, 0], expected, rtol=1e-9)
+
+
+def test_five_samples_say_how_a_spline_through_many_bends():
+    """What is left of its second derivative is a fraction of what three leave."""
+    x = np.random.default_rng(4).normal(size=400)
+    bends = CubicSpline(np.arange(400), x)(np.arange(400), 2)[20:-20]
+    lack = {}
+    for name, second in (("three", OF_THREE), ("five", OF_SPLINE)):
+        found = np.convolve(x, second, mode="same")[20:-20]
+        lack[name] = np.sqrt(np.mean((found - bends) ** 2))
+    assert lack["five"] < 0.25 * lack["three"]
+    assert lack["five"] < 0.15 * np.sqrt(np.mean(bends**2))
+
+
 def test_its_gradient_is_that_of_finite_differences(floater):
-    """Of all sides of a triangle, by the unknowns of three frames."""
+    """Of all sides of a triangle, by the unknowns of all frames."""
     triangle = np.array([[-0.1, -0.1], [0.2, 0.0], [0.0, 0.15]])
-    support = half_planes([triangle] * 5, np.full(5, FLOOR), 0.01)
-    wish = Balance(floater.placed, floater.masses, support, 50.0)
-    frames = np.arange(5)
+    support = half_planes([triangle] * 7, np.full(7, FLOOR), 0.01)
+    rows = Balance(floater.placed, floater.masses, support, 50.0)
+    frames = np.arange(7)
     y = floater.unknowns(0.3 + frames / 50.0)
-    at = wish(frames, y)
-    assert set(at.middle) == {1, 2, 3} and (at.d < 0.0).any()
-    step = 1e-5
-    for k in range(5):
+    at = rows(frames, y)
+    # Three sides in each inner frame, and three more where five frames are there.
+    assert len(at.d) == 3 * 5 + 3 * 3 and (at.d < 0.0).any()
+    assert len(set(zip(at.frames[:, 2], at.row, strict=True))) == len(at.d)
+    step, number = 1e-5, np.arange(len(at.d))
+    for k in range(7):
         for j in range(y.shape[1]):
             ahead, behind = y.copy(), y.copy()
             ahead[k, j] += step
             behind[k, j] -= step
-            ahead, behind = wish(frames, ahead), wish(frames, behind)
-            if len(ahead.d) != len(at.d) or len(behind.d) != len(at.d):
-                continue  # a side that has just come into view
-            slope = (ahead.d - behind.d) / (2.0 * step)
-            own = k - at.middle + 1
-            near = (own >= 0) & (own < 3)
-            gradient = np.where(
-                near, at.gradient[np.arange(len(own)), np.clip(own, 0, 2), j], 0.0
-            )
-            np.testing.assert_allclose(gradient, slope, rtol=1e-6, atol=1e-5)
+            slope = (rows(frames, ahead).d - rows(frames, behind).d) / (2.0 * step)
+            gradient = np.zeros(len(slope))
+            for a in range(5):
+                of = number[at.frames[:, a] == k]
+                gradient[of] += at.gradient[of, a, j]
+            np.testing.assert_allclose(gradient, slope, rtol=1e-6, atol=2e-5)
 
 
-def test_frames_that_are_no_neighbours_or_do_not_stand_wish_nothing(floater):
+def test_frames_that_are_no_neighbours_or_do_not_stand_have_no_rows(floater):
     triangle = np.array([[-0.1, -0.1], [0.2, 0.0], [0.0, 0.15]])
     nothing = np.zeros((0, 2))
-    points = [triangle, triangle, nothing, triangle, triangle, triangle, triangle]
-    support = half_planes(points, np.full(7, FLOOR), 0.01)
-    wish = Balance(floater.placed, floater.masses, support, 50.0)
-    y = floater.unknowns(0.3 + np.arange(7) / 50.0)
-    every = wish(np.arange(7), y)
-    assert set(every.middle) <= {1, 3, 4, 5} and 4 in every.middle
-    some = np.array([0, 1, 3, 4, 5])
-    assert set(wish(some, y[some]).middle) == {3}  # which of `some` frame 4 is
+    points = [triangle, triangle, nothing, *[triangle] * 6]
+    support = half_planes(points, np.full(9, FLOOR), 0.01)
+    rows = Balance(floater.placed, floater.masses, support, 50.0)
+    y = floater.unknowns(0.3 + np.arange(9) / 50.0)
+    every = rows(np.arange(9), y)
+    assert set(every.frames[:, 2]) == {1, 3, 4, 5, 6, 7}
+    some = np.array([0, 1, 3, 4, 5, 6, 7])
+    found = rows(some, y[some])
+    assert set(found.frames[:, 2]) == {4}  # which of `some` frame 5 is
+    mine = every.frames[:, 2] == 5
+    np.testing.assert_array_equal(found.d, every.d[mine])
+    assert not len(rows(some[:3], y[:3]).d)
 
 
 def test_half_planes_are_the_hull():
@@ -175,3 +214,13 @@ def test_half_planes_are_the_hull():
     }
     assert sides == {(1, 0, 1), (-1, 0, 0), (0, 1, 2), (0, -1, 0)}
     assert found.margins[0] == 0.1 and 0.0 < found.margins[1] < 0.005
+
+
+def test_of_a_round_sole_few_sides_are_left_and_all_are_inside():
+    turn = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
+    circle = 0.1 * np.column_stack([np.cos(turn), np.sin(turn)])
+    found = half_planes([circle], np.zeros(1), 0.0)
+    sides = np.isfinite(found.bounds[0])
+    assert 8 <= sides.sum() <= 16
+    assert (found.bounds[0, sides] <= 0.1).all()
+    assert (found.bounds[0, sides] > 0.097).all()

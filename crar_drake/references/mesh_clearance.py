@@ -250,7 +250,7 @@ class ClearanceOfMeshes:
         joints, links = self.meshes.joints, self.meshes.meshes
         a, b = (links[k] for k in self.meshes.rows[row])
         frames = joints.frame_of_velocity
-        return near_approach(
+        approach = near_approach(
             R,
             p,
             np.array([a.frame, b.frame]),
@@ -265,6 +265,7 @@ class ClearanceOfMeshes:
             np.ascontiguousarray(advance),
             _NEAR,
         )
+        return approach.sum(axis=1)
 
     def _outward(self, mesh: CarriedMesh, some: np.ndarray) -> np.ndarray:
         """Which velocities of a mask move a link, the one next to it first."""

@@ -114,13 +114,15 @@ def are_near(
         radius: the sum of theirs, and of how near [m].
         nearer: by how much two of the links' points can approach on the way [m].
     """
-    ways = 0.0
+    ways, most = 0.0, 2.0 * radius + nearer
     for k in range(2):
         square = 0.0
         for x in range(3):
             square += (a[k, i, x] - b[k, j, x]) ** 2
         ways += np.sqrt(square)
-    return ways < 2.0 * radius + nearer
+        if ways >= most:
+            return False
+    return True
 
 
 @compiled(loops=True)
@@ -186,7 +188,8 @@ def near_approach(
     nearer: np.ndarray,
     h: float,
 ) -> np.ndarray:
-    """By how much min(d, h) can change on each way, (T - 1,) [m].
+    """By how much min(d, h) can change on each way, (T - 1, 2) [m]: by the joints that
+    move A, and by those that move B.
 
     Args:
         R, p: R_WF (T, N, 3, 3) and p_WF (T, N, 3) of all frames [m].
@@ -200,7 +203,7 @@ def near_approach(
         nearer: (T - 1,) by how much any two of their points can approach [m].
         h: [m].
     """
-    found = np.zeros(len(steps))
+    found = np.zeros((len(steps), 2))
     every_a = np.ones(len(a.groups), dtype=np.bool_)
     every_b = np.ones(len(b.groups), dtype=np.bool_)
     for k in range(len(steps)):
@@ -236,9 +239,10 @@ def near_approach(
                         ):
                             near_a[i] = near_b[j] = True
         at, x = slice(k, k + 2), steps[k]
-        found[k] = swept_by(
+        found[k, 0] = swept_by(
             a.parts, near_a, parts_a, joints_a, origins[at], axes[at], slides, x
-        ) + swept_by(
+        )
+        found[k, 1] = swept_by(
             b.parts, near_b, parts_b, joints_b, origins[at], axes[at], slides, x
         )
     return found

@@ -258,23 +258,19 @@ class PairTable:
             box: which.
             R, p: R_WF (1, N, 3, 3) and p_WF (1, N, 3) of all frames at its centre [m].
         """
-        tree, found = self._meshes.joints, np.zeros(2)
+        tree = self._meshes.joints
         R, p = np.repeat(R, 2, axis=0), np.repeat(p, 2, axis=0)
         frames = tree.frame_of_velocity
         axes = (R[:, frames] @ tree.turns[..., None])[..., 0]
         a, b = self._links
         # From the centre to any place and back to the centre.
         nearer = np.array([2.0 * box["half"] @ self._rho])
-        nothing = np.zeros(0, dtype=int)
-        for k, joint in enumerate(self._joints):
-            steps = np.zeros((1, len(frames)))
-            steps[0, joint] = 1.0
-            joints = (joint, nothing) if k == 0 else (nothing, joint)
-            found[k] = near_approach(
-                *(R, p, self._frames, a.parts, b.parts, *joints, p[:, frames], axes),
-                *(self._slides, steps, nearer, self._near),
-            )[0]
-        return np.minimum(found, box["rho"])
+        steps = np.ones((1, len(frames)))
+        found = near_approach(
+            *(R, p, self._frames, a.parts, b.parts, *self._joints, p[:, frames], axes),
+            *(self._slides, steps, nearer, self._near),
+        )
+        return np.minimum(found[0], box["rho"])
 
 
 @compiled(loops=True)

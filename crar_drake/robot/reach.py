@@ -1,5 +1,7 @@
 """How far joints can move a robot's watched shapes, in any configuration."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np
@@ -48,6 +50,7 @@ def find_reaches(
             body_of.append(joints.place(body)[0])
     at_zero = np.array([reach for reach, _ in found]).reshape(-1, len(order))
     by_slide = np.array([by for _, by in found]).reshape(-1, len(per_slide), len(order))
+    by_slide = by_slide[:, sliding]
     frames = np.array(body_of, dtype=int)
     a, b = pairs.closed_axes
     moved = joints.moved_by[frames][:, order].reshape(-1, len(order))
@@ -57,8 +60,8 @@ def find_reaches(
         return np.where(alone, by_slide[shapes].transpose(1, 0, 2), 0.0)
 
     a_by, b_by = between(a, a_alone), between(b, b_alone)
-    longer = [k for k in sliding if a_by[k].any() or b_by[k].any()]
-    a_by, b_by = a_by[longer], b_by[longer]
+    some = [k for k in range(len(sliding)) if a_by[k].any() or b_by[k].any()]
+    a_by, b_by, longer = a_by[some], b_by[some], sliding[some]
     reach_a = np.where(a_alone, at_zero[a], 0.0)
     reach_b = np.where(b_alone, at_zero[b], 0.0)
     reach_a += np.tensordot(extents[longer], a_by, 1)

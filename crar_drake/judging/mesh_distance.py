@@ -4,6 +4,8 @@ FCL (python-fcl) finds the nearest triangles, whatever the meshes' shapes. Of me
 without a common point it cannot tell apart from inside: winding numbers do.
 """
 
+from __future__ import annotations
+
 from functools import cached_property
 
 import numpy as np

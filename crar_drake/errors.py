@@ -48,7 +48,11 @@ def check_vector(
     where: str, value: Sequence[float], error: type[CrarError] = ScenarioError
 ) -> None:
     """Raises the error, which begins with `where`, unless there are three numbers."""
-    if len(value) != 3 or not all(map(math.isfinite, value)):
+    try:
+        is_one = len(value) == 3 and all(map(math.isfinite, value))
+    except TypeError:  # a number, or words
+        is_one = False
+    if not is_one:
         raise error(f"{where}: {value} must be three finite numbers")
 
 

@@ -136,7 +136,7 @@ def add_balance(parser: argparse.ArgumentParser) -> None:
     )
 
 
-_MOST = 6  # frames, and lifts, that are told of
+_MOST = 6  # frames, and lifts, that are reported one by one
 
 # Unit of --at-most: metres or radians in it.
 _UNITS = {

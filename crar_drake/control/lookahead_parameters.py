@@ -52,7 +52,7 @@ def usual(name: str, plans: bool, crowded: bool = False) -> float | None:
         plans: whether there is a preview.
         crowded: whether there are as many task rows as joints.
     """
-    return _USUAL[name][plans + (plans and crowded)]
+    return _USUAL[name][1 + crowded if plans else 0]
 
 
 def preview_horizon(period: float) -> float:

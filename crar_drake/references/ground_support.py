@@ -83,7 +83,8 @@ class Support:
         outside = outside_support(centres, self.soles, self.stays)
         outside[np.isnan(outside)] = np.inf
         planted, found = np.array(list(self.planted.values())), []
-        for foot in [foot for foot in FEET if foot in self.planted]:
+        feet = [foot for foot in FEET if foot in self.planted]
+        for foot in feet:
             own = self.planted[foot]
             for frame in np.flatnonzero(own[:-1] & ~own[1:]):
                 alone, end = planted[:, frame + 1], frame + 1

@@ -44,7 +44,11 @@ from crar_drake.motion.array_files import load_arrays, npz_names
 from crar_drake.references.held_values import check_frames, numbers, stated_rate
 from crar_drake.references.locomujoco_npz import LAYOUT as LOCOMUJOCO
 from crar_drake.references.locomujoco_npz import read_locomujoco
-from crar_drake.references.robot_motion import UNKNOWN_ORDER, RobotMotion
+from crar_drake.references.robot_motion import (
+    ORDER_UNKNOWN,
+    UNKNOWN_ORDER,
+    RobotMotion,
+)
 from crar_drake.references.root_speeds import difference, turning
 from crar_drake.references.whole_body import WholeBody
 
@@ -281,6 +285,5 @@ def _guess_order(path: Path, arrays: dict[str, np.ndarray]) -> tuple[str, str]:
     if share < _BREADTH_FIRST_SHARE:
         return "beyondmimic-npz", f"joints are breadth first, as Isaac's: {evidence}"
     return UNKNOWN_ORDER, (
-        "whether joints are depth first or breadth first cannot be guessed "
-        f"({evidence})"
+        f"{ORDER_UNKNOWN}depth first or breadth first cannot be guessed ({evidence})"
     )

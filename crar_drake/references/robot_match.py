@@ -8,7 +8,11 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.references.layouts import LAYOUTS, reordered
-from crar_drake.references.robot_motion import UNKNOWN_ORDER, RobotMotion
+from crar_drake.references.robot_motion import (
+    ORDER_UNKNOWN,
+    UNKNOWN_ORDER,
+    RobotMotion,
+)
 from crar_drake.references.whole_body import WholeBody
 
 # Links may be off by this where a motion says where they are: models of one robot have
@@ -23,7 +27,7 @@ _SAME_TURN = 1e-4
 _KNOWN_BY_LINKS = ("mjlab-npz", "beyondmimic-npz", UNKNOWN_ORDER)
 
 # What a reader says of the order, which counts no more beside what a robot tells.
-_ORDER_GUESSES = ("joints are ", "whether joints are ")
+_ORDER_GUESSES = ("joints are ", ORDER_UNKNOWN)
 
 # Frames that are compared.
 _FRAMES = 8

@@ -11,19 +11,17 @@ import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 
-if TYPE_CHECKING:
-    pass
-
 # The layout of a file that does not tell whether its joints are depth first or breadth
 # first, until its robot does.
 UNKNOWN_ORDER = "npz"
+# How the guess begins that is none, of the order.
+ORDER_UNKNOWN = "whether joints are "
 
 # A quaternion whose length differs by more from 1 is no rotation.
 _LENGTH_TOLERANCE = 1e-3
@@ -143,8 +141,9 @@ class RobotMotion:
 
     def untold_order(self) -> MotionError:
         """What to say of a motion whose file does not tell the order of its joints."""
+        guess = next(g for g in self.guesses if g.startswith(ORDER_UNKNOWN))
         return self._error(
-            f"{self.guesses[-1]}; say it with --layout mjlab-npz or beyondmimic-npz, "
+            f"{guess}; say it with --layout mjlab-npz or beyondmimic-npz, "
             "or which robot it is with --robot"
         )
 

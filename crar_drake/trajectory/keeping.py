@@ -35,6 +35,7 @@ from crar_drake.trajectory.distance_rows import (
 )
 from crar_drake.trajectory.margins import Margins, find_margins
 from crar_drake.trajectory.optimiser import (
+    NO_WIDE,
     AtFrames,
     Effort,
     Part,
@@ -511,12 +512,12 @@ def _part(
 
 def _held(problem: Problem) -> int:
     """How many frames beside a part what it minimises, or keeps, has to do with."""
-    return 2 if problem.wide is None else problem.wide.width - 1
+    return problem.wide.width - 1
 
 
 def _begun_with(problem: Problem) -> int:
     """Each how many frames say what a change is, as far as it is smoothed."""
-    if problem.wide is not None:
+    if problem.wide.num_rows:
         return 1
     return max(1, int(np.sqrt(problem.smoothness.min())))
 
@@ -532,7 +533,7 @@ def _of_each(problem: Problem, every: int) -> Problem:
         about=problem.about[::every],
         smoothness=problem.smoothness / every**2,
         fastest=problem.fastest * every,
-        wide=None,
+        wide=NO_WIDE,
         near_rows=lambda at, y, look: problem.near_rows(
             replace(at, frame=every * at.frame), y, look
         ),
@@ -569,10 +570,8 @@ def _below(problem: Problem, y: np.ndarray, floor: float) -> np.ndarray:
 def _unfulfilled(problem: Problem, y: np.ndarray) -> np.ndarray:
     """(T,) frames whose wide rows are not kept."""
     found = np.zeros(len(y), dtype=bool)
-    if problem.wide is not None:
-        rows = problem.wide.kept(np.arange(len(y)), y)
-        middle = rows.frames[:, problem.wide.width // 2]
-        found[middle[rows.d < 0.0]] = True
+    rows = problem.wide.kept(np.arange(len(y)), y)
+    found[rows.places[0][rows.d < 0.0]] = True
     return found
 
 

@@ -140,6 +140,11 @@ class WideRows(NamedTuple):
     d: np.ndarray
     gradient: np.ndarray
 
+    @property
+    def places(self) -> tuple[np.ndarray, np.ndarray]:
+        """The middle frame of each, and which of its rows it is."""
+        return self.frames[:, self.frames.shape[1] // 2], self.row
+
 
 @dataclass(frozen=True)
 class Wide:
@@ -163,13 +168,13 @@ class Wide:
     most: float = np.inf
 
 
-def _no_wide_rows(m: int) -> WideRows:
-    """Of m unknowns a frame."""
-    nothing = np.zeros(0, dtype=int)
-    return WideRows(nothing[:, None], nothing, np.zeros(0), np.zeros((0, 1, m)))
+def _no_wide_rows(frames: np.ndarray, y: np.ndarray) -> WideRows:
+    nothing = np.zeros((0, 3), dtype=int)
+    return WideRows(nothing, nothing[:, 0], np.zeros(0), np.zeros((0, 3, y.shape[1])))
 
 
-_NO_WIDE = Wide(*2 * (lambda frames, y: _no_wide_rows(y.shape[1]),), 0, 1, 1.0)
+# As wide as what is minimised has to do with.
+NO_WIDE = Wide(_no_wide_rows, _no_wide_rows, num_rows=0, width=3, penalty=1.0)
 
 
 @dataclass(frozen=True)
@@ -203,7 +208,7 @@ class Problem:
             and a length: the rows that keep less than that beyond what they are asked,
             which is what their `d` says.
         num_rows: number of rows that a sample may have.
-        wide: rows of several frames; None if there are none.
+        wide: rows of several frames.
     """
 
     tasks: Tasks
@@ -216,7 +221,7 @@ class Problem:
     fastest: np.ndarray
     near_rows: Callable[[Samples, np.ndarray, float], NearRows]
     num_rows: int
-    wide: Wide | None = None
+    wide: Wide = NO_WIDE
 
 
 @dataclass
@@ -284,7 +289,7 @@ class Part:
 
     def __post_init__(self) -> None:
         some = slice(self.first, self.first + len(self.y))
-        self._wide = self.problem.wide or _NO_WIDE
+        self._wide = self.problem.wide
         self._posture, self._about = (
             self.problem.posture[some],
             self.problem.about[some],
@@ -428,10 +433,6 @@ class Part:
         moves = (live.place[found.frames] >= 0).any(axis=1)
         return WideRows(*(x[moves] for x in found))
 
-    def _of_wide_rows(self, rows: WideRows) -> tuple[np.ndarray, np.ndarray]:
-        """Where their multipliers are."""
-        return rows.frames[:, rows.frames.shape[1] // 2], rows.row
-
     def _limits(self, y: np.ndarray, live: _Live) -> tuple[np.ndarray, np.ndarray]:
         """(2, L, m), (2, K, m) what is left to limits and speeds, either way."""
         problem, here = self.problem, y[live.frames]
@@ -463,9 +464,9 @@ class Part:
             (_PENALTY_OF_JOINTS, self._of_speeds[:, live.steps], speeds, live.steps),
             (
                 self._wide_penalty(penalty),
-                self._of_wide[self._of_wide_rows(at.wide)],
+                self._of_wide[at.wide.places],
                 at.wide.d,
-                self._of_wide_rows(at.wide)[0],
+                at.wide.places[0],
             ),
         ):
             lacks = np.maximum(0.0, lam / rho - c)
@@ -504,7 +505,7 @@ class Part:
             )
 
         step, slope = np.zeros((frames, m)), -base.b
-        kept = self._of_wide[self._of_wide_rows(wide)] / of_wide - wide.d
+        kept = self._of_wide[wide.places] / of_wide - wide.d
         lacks = shift, limits, speeds, kept
         before, share = None, 0.0
         for _ in range(_ACTIVE_SETS):
@@ -644,9 +645,8 @@ class Part:
             0.0, lam - penalty * rows.d
         )
         wide = at.wide
-        places = self._of_wide_rows(wide)
-        lam = self._of_wide[places] - self._wide_penalty(penalty) * wide.d
-        self._of_wide[places] = np.clip(lam, 0.0, self._wide.most)
+        lam = self._of_wide[wide.places] - self._wide_penalty(penalty) * wide.d
+        self._of_wide[wide.places] = np.clip(lam, 0.0, self._wide.most)
         limits, speeds = self._limits(at.y, live)
         for lam, places, c in (
             (self._of_limits, live.frames, limits),
@@ -659,14 +659,13 @@ class Part:
         together [m]; wide ones at their bound do not count."""
         d, (limits, speeds) = at.rows.d, self._limits(at.y, live)
         wide = at.wide
-        places = self._of_wide_rows(wide)
-        stays = self._of_wide[places] < self._wide.most
+        stays = self._of_wide[wide.places] < self._wide.most
         lacking = np.zeros(len(at.y), dtype=bool)
         low = live.samples[at.rows.sample[d < -_LACKS]]
         lacking[self.samples.frame[low]] = True
         lacking[live.frames[(limits < -_LACKS / _ARM).any(axis=(0, 2))]] = True
         lacking[live.steps[(speeds < -_LACKS / _ARM).any(axis=(0, 2))]] = True
-        lacking[places[0][stays & (wide.d < -_WIDE_LACKS)]] = True
+        lacking[wide.places[0][stays & (wide.d < -_WIDE_LACKS)]] = True
         lacks = -np.minimum(d, 0.0).sum() - np.minimum(wide.d[stays], 0.0).sum()
         lacks -= sum(_ARM * np.minimum(x, 0.0).sum() for x in (limits, speeds))
         return lacking, float(lacks)

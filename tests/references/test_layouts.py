@@ -220,6 +220,25 @@ def test_npz_without_names_is_read(tmp_path: Path, robot, breadth_first: bool):
     assert same_turns(read.root_quaternions, Q, 1e-12)
 
 
+def test_an_order_that_cannot_be_guessed_is_told_whatever_else_is_doubted(
+    tmp_path: Path,
+):
+    by_hand = bodies(LINKS)
+    by_hand["p"][:, 1:4] = P[:, None] + [[0.0], [1.0], [2.0]]  # two of four hang on
+    by_hand["p"][:, 4:] = P[:, None] * [[2.0], [-3.0]]
+    np.savez(
+        tmp_path / "a.npz",
+        fps=50.0,
+        joint_pos=np.degrees(JOINTS) + 10.0,
+        joint_vel=np.zeros_like(JOINTS),
+        body_pos_w=by_hand["p"],
+        body_quat_w=by_hand["Q"],
+    )
+    sentence = r"cannot be guessed \(50 % of the links .*; say it with --layout mjlab"
+    with pytest.raises(MotionError, match=sentence):
+        read_motion(tmp_path / "a.npz")
+
+
 def test_npz_with_the_root_and_names_is_read(tmp_path: Path):
     names = np.array(DEPTH_FIRST)
     np.savez(

@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 from crar_drake.trajectory import optimiser
 from crar_drake.trajectory.distance_rows import NearRows, no_rows
 from crar_drake.trajectory.optimiser import (
+    NO_WIDE,
     AtFrames,
     Part,
     Problem,
@@ -287,7 +288,7 @@ def test_rows_of_three_frames_are_kept_at_the_least_cost(held):
     )
     assert found.success
     assert 0.98 * found.fun < cost(of, y) < 1.01 * found.fun
-    assert found.fun > 1.2 * cost(of, solved(replace(of, wide=None), free))
+    assert found.fun > 1.2 * cost(of, solved(replace(of, wide=NO_WIDE), free))
     np.testing.assert_array_equal(y[~free], of.posture[~free])
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces, QuaternionFloatingJoint
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError
 from crar_drake.references.robot_motion import RobotMotion
@@ -27,6 +28,7 @@ ON_THE_FLOOR = (
     0.01  # [m] above the floor that points of a planted foot support, at most
 )
 _LEAST_FORCE = 0.05  # of the weight, below which there is no centre of pressure
+_GAUSS = (0.5 - 0.5 / 3.0**0.5, 0.5 + 0.5 / 3.0**0.5)  # shares of a way, for its mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,25 +75,113 @@ def plant_motion(
         root: by which it floats; None if its base is fixed.
         motion: with its joints in the robot's order.
     """
-    rate, T = motion.rate, motion.num_frames
-    q, rotations = robot.configurations(motion.joint_positions), motion.root_rotations
-    if root is not None:
-        at = root.position_start()
-        q[:, at : at + 4] = rotations.as_quat()[:, [3, 0, 1, 2]]
-        q[:, at + 4 : at + 7] = motion.root_positions
+    T = motion.num_frames
+    q = _positions(
+        robot, root, motion.joint_positions, motion.root_positions,
+        motion.root_rotations,
+    )  # fmt: skip
     v, vdot = np.zeros((2, T, robot.plant.num_velocities()))
     if T > 2:
-        steps = robot.velocities(np.diff(motion.joint_positions, axis=0))
-        if root is not None:
-            at = root.velocity_start()
-            turned = rotations[1:] * rotations[:-1].inv()
-            steps[:, at : at + 3] = turned.as_rotvec()
-            steps[:, at + 3 : at + 6] = np.diff(motion.root_positions, axis=0)
-        v[1:-1] = 0.5 * rate * (steps[1:] + steps[:-1])
-        vdot[1:-1] = rate**2 * np.diff(steps, axis=0)
+        ways = _Ways(robot, root, motion)
+        v[1:-1] = 0.5 * (ways.v[1:] + ways.v[:-1])
+        vdot[1:-1] = motion.rate * np.diff(ways.v, axis=0)
         for x in (v, vdot):
             x[0], x[-1] = x[1], x[-2]
     return q, v, vdot
+
+
+def _positions(
+    robot: WholeBody,
+    root: QuaternionFloatingJoint | None,
+    joint_positions: np.ndarray,
+    root_positions: np.ndarray,
+    rotations: Rotation,
+) -> np.ndarray:
+    """(T, nq) of the plant."""
+    q = robot.configurations(joint_positions)
+    if root is not None:
+        at = root.position_start()
+        q[:, at : at + 4] = rotations.as_quat()[:, [3, 0, 1, 2]]
+        q[:, at + 4 : at + 7] = root_positions
+    return q
+
+
+class _Ways:
+    """The straight ways from each frame to the next; root as of `plant_motion`.
+
+    Attributes:
+        v: (T - 1, nv) velocities.
+    """
+
+    def __init__(
+        self,
+        robot: WholeBody,
+        root: QuaternionFloatingJoint | None,
+        motion: RobotMotion,
+    ) -> None:
+        self._robot, self._root = robot, root
+        rotations = motion.root_rotations
+        self._from = motion.joint_positions[:-1], motion.root_positions[:-1]
+        self._steps = tuple(
+            np.diff(x, axis=0) for x in (motion.joint_positions, motion.root_positions)
+        )
+        self._first = rotations[:-1]
+        self._turns = (rotations[1:] * rotations[:-1].inv()).as_rotvec()
+        self.v = robot.velocities(self._steps[0])
+        if root is not None:
+            at = root.velocity_start()
+            self.v[:, at : at + 3] = self._turns
+            self.v[:, at + 3 : at + 6] = self._steps[1]
+        self.v *= motion.rate
+
+    def at(self, share: float) -> np.ndarray:
+        """(T - 1, nq) positions at a share of each."""
+        places = (x + share * dx for x, dx in zip(self._from, self._steps, strict=True))
+        turned = Rotation.from_rotvec(share * self._turns) * self._first
+        return _positions(self._robot, self._root, *places, turned)
+
+
+def mean_wrench(
+    robot: WholeBody, root: QuaternionFloatingJoint, motion: RobotMotion
+) -> GroundWrench:
+    """The mean wrench from the frame before to the frame after: what changes the mean
+    momentum of the step before to that of the step after, and holds the weight.
+
+    Instants count the more, the nearer they are to the frame. The force is so whatever
+    the motion does between frames, the moment if it goes straight. What the ground can
+    give at each instant, it can give in the mean, since its cone is convex; what it
+    cannot give in the mean, it cannot give.
+
+    Args:
+        robot: that moves.
+        root: by which it floats.
+        motion: with its joints in the robot's order.
+
+    Returns:
+        Of T frames; NaN in the first and the last.
+    """
+    plant, T = robot.plant, motion.num_frames
+    context = plant.CreateDefaultContext()
+    mass, gravity = plant.CalcTotalMass(context), plant.gravity_field().gravity_vector()
+    weight = -mass * gravity
+    wrench = np.full((T, 6), np.nan)
+    if T > 2:
+        ways = _Ways(robot, root, motion)
+        h, before, after = np.zeros((3, T - 1, 6))
+        for share in _GAUSS:
+            q = ways.at(share)
+            for t in range(T - 1):
+                plant.SetPositions(context, q[t])
+                plant.SetVelocities(context, ways.v[t])
+                L = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
+                h[t, :3] += 0.5 * L.rotational()
+                h[t, 3:] += 0.5 * L.translational()
+                centre = plant.CalcCenterOfMassPositionInWorld(context)
+                held = 0.5 * np.concatenate([np.cross(centre, weight), weight])
+                before[t] += share * held
+                after[t] += (1.0 - share) * held
+        wrench[1:-1] = motion.rate * np.diff(h, axis=0) + before[:-1] + after[1:]
+    return GroundWrench(wrench[:, 3:], wrench[:, :3], float(np.linalg.norm(weight)))
 
 
 def ground_wrench(

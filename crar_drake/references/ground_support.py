@@ -2,9 +2,9 @@
 
 A frame *stands* while a foot, or a hand, is planted on the floor; its *support* is the
 hull of what is planted. The ground could give what it takes if the centre of pressure
-(`ground_demand`, by Drake's inverse dynamics) is inside. Flights have no support, the
-first and the last frame no acceleration: they are not judged. Velocities and
-accelerations are differences of neighbouring frames.
+of the mean force from the frame before to the frame after (`ground_demand`, by Drake's
+momentum) is inside. Flights have no support, the first and the last frame no such mean:
+they are not judged.
 """
 
 from __future__ import annotations
@@ -18,9 +18,8 @@ from crar_drake.references.ground_contact import FEET, HANDS, Outline
 from crar_drake.references.ground_demand import (
     ON_THE_FLOOR,
     GroundWrench,
-    ground_wrench,
+    mean_wrench,
     outside_support,
-    plant_motion,
 )
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
@@ -165,10 +164,8 @@ class Ground:
         return Support(np.where(lowest < np.inf, lowest, floor), soles, planted)
 
     def wrench(self, motion: RobotMotion) -> GroundWrench:
-        """What a motion takes, by Drake's inverse dynamics; its first and last frame as
-        those beside them."""
-        q, v, vdot = plant_motion(self._robot, self._root, motion)
-        return ground_wrench(self._robot.plant, q, v, vdot)
+        """What a motion takes; see `mean_wrench`."""
+        return mean_wrench(self._robot, self._root, motion)
 
     def outside(self, motion: RobotMotion) -> np.ndarray:
         """(T,) as of `Support.outside`."""

@@ -1,0 +1,118 @@
+"""The mean wrench between frames, against its instants and against centres of mass."""
+
+import numpy as np
+import pytest
+from small_walker import walker
+
+from crar_drake.references.ground_demand import ground_wrench, mean_wrench
+from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.description import find_root, load_robot_description
+
+AXIS = np.array([0.36, -0.48, 0.8])
+W = 7.0  # [rad/s] of all that swings
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("walker")
+    walker(folder)
+    robot = WholeBody(load_robot_description(folder))
+    return robot, find_root(robot.plant, robot.description)
+
+
+def swinging(robot, root, t):
+    """A motion at times t (T,), and q, v, vdot of the plant: root and joints swing."""
+    phase = W * t[:, None] + np.arange(4 + robot.n)
+    size = np.concatenate([[0.1, -0.06, 0.05], [0.3], np.linspace(-0.3, 0.4, robot.n)])
+    x, v, a = (
+        size * wave
+        for wave in (np.sin(phase), W * np.cos(phase), -(W**2) * np.sin(phase))
+    )
+    quaternions = np.column_stack(
+        [np.cos(0.5 * x[:, 3]), np.sin(0.5 * x[:, 3:4]) * AXIS]
+    )
+    rate = 1.0 / (t[1] - t[0])
+    motion = RobotMotion(robot.joint_names, x[:, :3], quaternions, x[:, 4:], rate)
+    q = robot.configurations(x[:, 4:])
+    at = root.position_start()
+    q[:, at : at + 7] = np.column_stack([quaternions, x[:, :3]])
+    at, states = root.velocity_start(), []
+    for rates in (v, a):
+        whole = robot.velocities(rates[:, 4:])
+        whole[:, at : at + 6] = np.column_stack([rates[:, 3:4] * AXIS, rates[:, :3]])
+        states.append(whole)
+    return motion, q, *states
+
+
+def test_it_is_the_mean_of_the_instants(made):
+    robot, root = made
+    rate, fine = 60.0, 24
+    motion, *_ = swinging(robot, root, np.arange(12) / rate)
+    found = mean_wrench(robot, root, motion)
+    assert (
+        np.isnan(found.force[[0, -1]]).all() and np.isnan(found.moment[[0, -1]]).all()
+    )
+    t = np.arange(-fine, fine + 1) / (fine * rate)
+    share = (1.0 - np.abs(t) * rate) / fine  # of each instant; they sum to 1
+    for frame in range(1, 11):
+        _, *state = swinging(robot, root, frame / rate + t)
+        each = ground_wrench(robot.plant, *state)
+        # The trapezoidal rule is right to some 1e-4 of what changes.
+        np.testing.assert_allclose(found.force[frame], share @ each.force, rtol=2e-3)
+        # Ways between frames are straight, by (W h)^2 of the moment's parts.
+        size = np.abs(each.moment).max()
+        np.testing.assert_allclose(
+            found.moment[frame], share @ each.moment, atol=2e-3 * size
+        )
+
+
+def test_joints_that_jump(made):
+    """To and fro by half a radian: the force is that of centres of mass at frames."""
+    robot, root = made
+    T, rate = 9, 30.0
+    jump = np.where(np.arange(T) % 2, 0.5, 0.0)[:, None]
+    joints = jump * np.linspace(-1.0, 1.0, robot.n)
+    places = np.column_stack([0.1 * jump, 0.02 * jump, 0.9 - 0.04 * jump])
+    turns = np.tile([1.0, 0.0, 0.0, 0.0], (T, 1))
+    motion = RobotMotion(robot.joint_names, places, turns, joints, rate)
+    found = mean_wrench(robot, root, motion)
+    plant = robot.plant
+    context, centres = plant.CreateDefaultContext(), []
+    q = robot.configurations(joints)
+    at = root.position_start()
+    q[:, at : at + 7] = np.column_stack([turns, places])
+    for each in q:
+        plant.SetPositions(context, each)
+        centres.append(plant.CalcCenterOfMassPositionInWorld(context))
+    mass = plant.CalcTotalMass(context)
+    expected = mass * rate**2 * np.diff(centres, 2, axis=0) + [0, 0, found.weight]
+    np.testing.assert_allclose(found.force[1:-1], expected, rtol=1e-3, atol=1.0)
+    assert np.abs(expected).max() > 3.0 * found.weight
+
+
+def test_at_rest_it_is_the_weight(made):
+    robot, root = made
+    T = 4
+    places = np.tile([0.2, -0.1, 0.9], (T, 1))
+    turns = np.tile([1.0, 0.0, 0.0, 0.0], (T, 1))
+    motion = RobotMotion(robot.joint_names, places, turns, np.zeros((T, robot.n)), 30.0)
+    found = mean_wrench(robot, root, motion)
+    plant = robot.plant
+    context = plant.CreateDefaultContext()
+    q = robot.configurations(motion.joint_positions)[0]
+    at = root.position_start()
+    q[at : at + 7] = np.concatenate([turns[0], places[0]])
+    plant.SetPositions(context, q)
+    centre = plant.CalcCenterOfMassPositionInWorld(context)
+    np.testing.assert_allclose(found.centres()[1:-1], np.tile(centre[:2], (2, 1)))
+    np.testing.assert_allclose(found.force[1], [0, 0, found.weight], atol=1e-9)
+
+
+def test_two_frames_say_nothing(made):
+    robot, root = made
+    turns = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1))
+    motion = RobotMotion(
+        robot.joint_names, np.zeros((2, 3)), turns, np.zeros((2, robot.n)), 30.0
+    )
+    assert np.isnan(mean_wrench(robot, root, motion).force).all()

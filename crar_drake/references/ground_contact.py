@@ -20,7 +20,7 @@ from crar_drake.motion.planted_feet import ContactThresholds, runs, standing
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_frame
-from crar_drake.robot_import.link_outlines import link_outlines, links_outward
+from crar_drake.robot_import.link_outlines import links_outward
 from crar_drake.trajectory.optimiser import spread
 
 THRESHOLDS = ContactThresholds()
@@ -96,7 +96,7 @@ class Outline:
             points: task frames of what may stand on the ground.
         """
         self._robot = robot
-        self._outlines = link_outlines(robot.plant, robot.scene_graph)
+        self._outlines = robot.outlines
         self.feet = {
             point: links_outward(robot.plant, find_frame(robot.plant, frame))
             for point, frame in robot.description.task_frames.items()

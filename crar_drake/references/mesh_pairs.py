@@ -24,7 +24,7 @@ from crar_drake.references.near_parts import Parts, divided
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_joint, zero_positions
 from crar_drake.robot.kinematics import JointTree
-from crar_drake.robot_import.link_meshes import LinkMesh, read_link_meshes
+from crar_drake.robot_import.link_meshes import LinkMesh
 from crar_drake.robot_import.meshes import triangles_of
 
 try:
@@ -166,7 +166,7 @@ class MeshPairs:
         """
         plant = robot.plant
         self.joints = JointTree(plant)
-        of_links = read_link_meshes(plant, robot.scene_graph)
+        of_links = robot.link_meshes
         shaped = {int(link.body) for link in of_links}
         bodies = [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]
         root, _ = self.joints.place(plant.GetBodyByName(robot.root))

@@ -175,7 +175,9 @@ class FileRetargeter:
         self._options = options
         description = load_robot_description(robot).without_ground()
         self._robot = WholeBody(description)
-        self.retargeter = Retargeter(description, options.parameters)
+        self.retargeter = Retargeter(
+            description, options.parameters, self._robot.outlines
+        )
         self._cleaner = MotionCleaner(
             self._robot, CLEANING, part_meshes=False, balance=options.balance
         )

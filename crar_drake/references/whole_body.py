@@ -22,6 +22,12 @@ from crar_drake.robot.description import (
     find_frame,
 )
 from crar_drake.robot.joints import speed_limits
+from crar_drake.robot_import.link_meshes import (
+    LinkMesh,
+    has_meshes,
+    read_link_meshes,
+)
+from crar_drake.robot_import.link_outlines import LinkOutline, link_outlines
 
 # What moves the root link follows the motion's waist; joints that are only held do not.
 _HELD = "hold"
@@ -202,6 +208,18 @@ class WholeBody:
                 v_RB[t, i] = R_RM @ V.translational()
                 w_RB[t, i] = R_RM @ V.rotational()
         return v_RB, w_RB
+
+    @cached_property
+    def link_meshes(self) -> list[LinkMesh]:
+        """As of `read_link_meshes`: reading them takes a second."""
+        return read_link_meshes(self.plant, self.scene_graph)
+
+    @cached_property
+    def outlines(self) -> dict[str, LinkOutline]:
+        """Link to its outermost points, of those that have a shape."""
+        plant, scene_graph = self.plant, self.scene_graph
+        meshes = self.link_meshes if has_meshes(plant, scene_graph) else None
+        return link_outlines(plant, scene_graph, meshes)
 
     @cached_property
     def joint_axes(self) -> np.ndarray:

@@ -8,7 +8,11 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, RigidBody
 from scipy.spatial import ConvexHull, QhullError
 
-from crar_drake.robot_import.link_meshes import has_meshes, read_link_meshes
+from crar_drake.robot_import.link_meshes import (
+    LinkMesh,
+    has_meshes,
+    read_link_meshes,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,17 +29,20 @@ class LinkOutline:
 
 
 def link_outlines(
-    plant: MultibodyPlant, scene_graph: SceneGraph
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    meshes: list[LinkMesh] | None = None,
 ) -> dict[str, LinkOutline]:
     """Link to its outline, of those that have a shape.
 
     Args:
         plant: finalized; its links have meshes, or else capsules and spheres.
         scene_graph: where it is registered.
+        meshes: of `read_link_meshes`, if they were read already.
     """
     if has_meshes(plant, scene_graph):
         outlines = {}
-        for link in read_link_meshes(plant, scene_graph):
+        for link in meshes or read_link_meshes(plant, scene_graph):
             vertices = np.concatenate([part.vertices for part in link.parts])
             hull = _hull(vertices)
             outlines[link.name] = LinkOutline(hull, np.zeros(len(hull)))

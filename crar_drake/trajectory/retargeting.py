@@ -27,7 +27,11 @@ from crar_drake.motion.smooth_steps import smooth_flags
 from crar_drake.robot.description import RobotDescription, find_body, find_frame
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
-from crar_drake.robot_import.link_outlines import link_outlines, links_outward
+from crar_drake.robot_import.link_outlines import (
+    LinkOutline,
+    link_outlines,
+    links_outward,
+)
 from crar_drake.trajectory.body_points import ROOT, Placed, skew
 from crar_drake.trajectory.distance_rows import (
     NearRows,
@@ -140,11 +144,13 @@ class Retargeter:
         self,
         description: RobotDescription,
         parameters: RetargetingParameters | None = None,
+        outlines: dict[str, LinkOutline] | None = None,
     ) -> None:
         """
         Args:
             description: of a robot with legs and arms, imported as a whole body.
             parameters: what is wanted.
+            outlines: of its links, if they were found already.
 
         Raises:
             ModelError: it lacks a task frame, or its feet have no shape.
@@ -165,7 +171,9 @@ class Retargeter:
         some = [Task(frame=frames["waist"])]
         self.model = ControlModel.FromDescription(fixed, some)
         plant = self.model.plant
-        self._outlines = link_outlines(plant, self.model.scene_graph)
+        if outlines is None:
+            outlines = link_outlines(plant, self.model.scene_graph)
+        self._outlines = outlines
         carrying = {find_frame(plant, frame).body().name() for frame in frames.values()}
         self._links = sorted(carrying | set(self._outlines))
         tasks = [Task(frame=name, kind="pose") for name in self._links]

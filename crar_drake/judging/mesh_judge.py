@@ -127,6 +127,7 @@ class MeshJudge:
         self._plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
         add_robot(self._plant, description)
         self._plant.Finalize()
+        builder.Build()  # what is not built is never freed
         of_links = read_link_meshes(self._plant, self._scene_graph)
         self.links = [link.name for link in of_links]
         self._bodies = [link.body for link in of_links]

@@ -58,10 +58,11 @@ class WholeBody:
             ModelError: the model cannot be read, or has no joint below its root.
         """
         self.description = description
-        self._builder = DiagramBuilder()
-        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(self._builder, 0.0)
+        builder = DiagramBuilder()
+        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
         add_robot(self.plant, description)
         self.plant.Finalize()
+        builder.Build()  # what is not built is never freed
         self._context = self.plant.CreateDefaultContext()
         self._children = self._find_children()
         self._root = self._find_root()

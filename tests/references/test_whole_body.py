@@ -1,5 +1,7 @@
 """The order of joints, the root, and the links' poses against those by hand."""
 
+import gc
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -35,3 +37,11 @@ def test_orders_root_limits_and_poses(tmp_path: Path, base: str):
             )
     axes = [[1, 0, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     np.testing.assert_allclose(robot.joint_axes, axes, atol=1e-12)
+
+
+def test_a_robot_that_nobody_needs_is_freed(tmp_path: Path):
+    robot = whole_biped(tmp_path)
+    plant = weakref.ref(robot.plant)
+    del robot
+    gc.collect()
+    assert plant() is None

@@ -201,7 +201,7 @@ def test_the_layout_is_the_usual_one_of_the_suffix(tmp_path, made, name, layout)
             "proto-motion is read, but not written",
         ),
         (["PERSON", "--rate", "0"], "'0' is not a positive number"),
-        (["PERSON", "--rate", "1e9"], "the rate is 1e.09 Hz; .* at most 10000 Hz"),
+        (["PERSON", "--rate", "1e9"], "the rate is 1e.09 Hz; .* at most 100000 Hz"),
         (["PERSON", "--robot", "CHAIN"], "needs the task_frames left_elbow, "),
         (["PERSON", "--robot", "BIPED"], "needs the task_frames left_elbow, "),
         (["PERSON", "--robot", "nobody"], "no robot 'nobody'"),

@@ -23,7 +23,8 @@ def check_rate(rate: float) -> None:
     """Raises MotionError if a motion of a robot cannot have the rate [Hz]."""
     if not 0.0 < rate <= _FASTEST:
         raise MotionError(
-            f"the rate is {rate:g} Hz; it must be positive, and at most {_FASTEST:.0f} Hz"
+            f"the rate is {rate:g} Hz; it must be positive, and at most "
+            f"{_FASTEST:.0f} Hz"
         )
 
 

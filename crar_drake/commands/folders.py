@@ -36,8 +36,14 @@ def files_bar(out: Path) -> Iterator[Callable[[int, int, FileResult], None]]:
 
 @contextmanager
 def frames_bar() -> Iterator[Callable[[int, int], None]]:
-    """Yields a callback that draws how far a motion is, on stderr."""
-    with progress_bar() as bar:
+    """Yields a callback that draws how far a motion is, on stderr; says there if
+    anything has to be compiled first."""
+    from crar_drake.equations.compilation import when_compiling
+
+    with (
+        progress_bar() as bar,
+        when_compiling(lambda line: print(line, file=sys.stderr)),
+    ):
         task = bar.add_task("", total=None)
         yield lambda frame, frames: bar.update(task, completed=frame, total=frames)
 

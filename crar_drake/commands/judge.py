@@ -95,6 +95,24 @@ def run(arguments: argparse.Namespace) -> int:
     return run_log(arguments)
 
 
+def _load(path: Path) -> SimulationLog:
+    """The log of a run.
+
+    Raises:
+        CrarError: it is none; nor, as has been asked before, a reference motion.
+    """
+    from crar_drake.results.log import NoLog, SimulationLog
+
+    try:
+        return SimulationLog.load(path)
+    except NoLog as error:
+        raise CrarError(
+            f"{error}; nor is it a reference motion of a robot, by its suffix and "
+            "arrays (docs/guides/reference-motions.md#layouts; of a person's motion "
+            "`crar-drake retarget` makes one)"
+        ) from error
+
+
 def run_log(arguments: argparse.Namespace) -> int:
     """Judges a log.
 
@@ -107,7 +125,6 @@ def run_log(arguments: argparse.Namespace) -> int:
     from crar_drake.judging.referee import Referee
     from crar_drake.results.certificate import has_certificate, judge_certificate
     from crar_drake.results.clipped_torque import clipped_line
-    from crar_drake.results.log import SimulationLog
     from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
     from crar_drake.results.obstacles import judge_obstacles
     from crar_drake.results.standing_run import judged_speed_limits
@@ -115,7 +132,7 @@ def run_log(arguments: argparse.Namespace) -> int:
     from crar_drake.robot_import.link_meshes import has_meshes
     from crar_drake.simulation.scenario import parse_scenario
 
-    log = SimulationLog.load(arguments.log)
+    log = _load(arguments.log)
     scenario = parse_scenario(log.scenario, "the log's scenario")
     description = load_logged_robot(log, arguments.robot or "")
     model = ControlModel.FromDescription(description, scenario.task_list())

@@ -133,26 +133,30 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
+    from crar_drake.equations.compilation import when_compiling
     from crar_drake.run import ctrl_c
     from crar_drake.teleoperation.serving import make_server
     from crar_drake.teleoperation.target_stream import Gate
 
     measured = arguments.start == Path(_MEASURED)
-    server = make_server(
-        arguments.scenario,
-        start=None if measured else _read_start(arguments.start),
-        start_measured=measured,
-        latency=arguments.latency,
-        tracking_error=arguments.tracking_error,
-        robot=arguments.robot or "",
-        experiment=arguments.experiment or "",
-        joints=arguments.joints,
-        rate=arguments.rate,
-        gate=Gate(**{name: getattr(arguments, name) for name in GATE}),
-        host=arguments.host,
-        port=arguments.port,
-        lcm_url=arguments.lcm,
-    )
+    start = None if measured else _read_start(arguments.start)
+    reported = NeverWaiting()
+    with when_compiling(reported.write):
+        server = make_server(
+            arguments.scenario,
+            start=start,
+            start_measured=measured,
+            latency=arguments.latency,
+            tracking_error=arguments.tracking_error,
+            robot=arguments.robot or "",
+            experiment=arguments.experiment or "",
+            joints=arguments.joints,
+            rate=arguments.rate,
+            gate=Gate(**{name: getattr(arguments, name) for name in GATE}),
+            host=arguments.host,
+            port=arguments.port,
+            lcm_url=arguments.lcm,
+        )
     host, port = server.address
     host = f"[{host}]" if ":" in host else host
     model = server.motion.model
@@ -162,7 +166,6 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"waits for {before}targets of {tasks}; Ctrl-C ends it", flush=True)
     if arguments.lcm:
         print(f"LCM at {arguments.lcm}", flush=True)
-    reported = NeverWaiting()
     with ctrl_c() as interrupts:
         try:
             server.run(

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import fields
+from numbers import Real
 from typing import Any
 
 from crar_drake.errors import ScenarioError
@@ -24,14 +25,17 @@ def check_numbers(
     may_be_zero: set[str],
     may_be_infinite: set[str] = frozenset(),
 ) -> None:
-    """Every number positive and finite; zero or infinite only where it means "off".
+    """Every number one, positive and finite; zero or infinite only where that means
+    "off".
 
     Raises:
         ScenarioError: names the field.
     """
     for entry in fields(parameters):
         value = getattr(parameters, entry.name)
-        if not isinstance(value, int | float) or isinstance(value, bool):
+        if not isinstance(value, Real) or isinstance(value, bool):
+            if isinstance(entry.default, float):
+                raise ScenarioError(f"{where}.{entry.name}: {value!r} is no number")
             continue
         zero = entry.name in may_be_zero
         infinite = entry.name in may_be_infinite

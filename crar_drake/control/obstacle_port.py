@@ -18,9 +18,21 @@ class ObstaclePort:
         Args:
             system: that gets the port; none if there are no obstacles.
             speeds: (N,) bounds of their speeds [m/s].
+
+        Raises:
+            InputError: one is none, infinite or negative.
         """
         self._system, self._port = system.get_name(), None
-        self._speeds = np.array(speeds, dtype=float)
+        try:
+            self._speeds = np.array(speeds, dtype=float)
+        except (TypeError, ValueError):
+            self._speeds = np.array(np.nan)
+        fit = np.isfinite(self._speeds) & (self._speeds >= 0.0)
+        if self._speeds.ndim != 1 or not fit.all():
+            raise InputError(
+                f"{self._system}: obstacle_speeds are {speeds!r}: give one for each "
+                "obstacle, finite and not negative"
+            )
         if len(self._speeds):
             self._port = system.DeclareVectorInputPort("obstacles", 4 * len(speeds))
 

@@ -199,7 +199,7 @@ class CrarParameters:
         for joint, limit in self.velocity_limits.items():
             if not is_speed_limit(limit):
                 raise ScenarioError(
-                    f"controller.velocity_limits.{joint}: {limit} must be positive "
+                    f"controller.velocity_limits.{joint}: {limit!r} must be positive "
                     "(.inf for no limit)"
                 )
         if self.limit_share is not None and self.limit_share > 1.0:

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -258,10 +259,20 @@ class SafetyFilter:
 
         Raises:
             ModelError: there is no such robot, or it cannot be controlled.
-            ScenarioError: a number is out of range; or there is a preview, which
-                plans for tasks.
+            ScenarioError: a number is none or out of range; or there is a preview,
+                which plans for tasks.
         """
+        if not isinstance(period, Real):
+            raise ScenarioError(f"filter.period: {period!r} is no number of seconds")
         ahead = lookahead or filter_parameters(period)
+        if not isinstance(ahead, LookaheadParameters):
+            raise ScenarioError(
+                "filter.lookahead: give LookaheadParameters, not "
+                f"{type(ahead).__name__}"
+            )
+        velocity_limits = velocity_limits or {}
+        if not isinstance(velocity_limits, Mapping):
+            raise ScenarioError("filter.velocity_limits: give a dict of joint to speed")
         if ahead.preset is not None or ahead.preview:
             raise ScenarioError(
                 "filter.lookahead.preview: a filter of joints has no tasks to plan "
@@ -277,7 +288,7 @@ class SafetyFilter:
             lookahead=ahead,
             respect_effort_limits=effort_limits,
             velocity_scale=velocity_scale,
-            velocity_limits=dict(velocity_limits or {}),
+            velocity_limits=dict(velocity_limits),
             **_NO_FEEDBACK,
         )
         with self._refusing():

@@ -88,8 +88,13 @@ class SafetyFilterSystem(LeafSystem):
         Args:
             filter: of the robot, its period and limits.
             obstacle_speeds: (N,) bounds of the speeds of obstacles [m/s].
+
+        Raises:
+            InputError: `filter` is none, or a speed is none or negative.
         """
         super().__init__()
+        if not isinstance(filter, SafetyFilter):
+            raise InputError(f"give a SafetyFilter, not {type(filter).__name__}")
         self.set_name("safety_filter")
         self.filter = filter
         n = len(filter.joint_names)

@@ -27,7 +27,7 @@ IS_COMPILED = numba is not None and not numba.config.DISABLE_JIT
 # another one everything is compiled in Numba's usual way, which takes longer.
 _KNOWN_INSIDE = "0.68."
 
-COMPILING = "compiling the control law for this computer, once: this takes some minutes"
+COMPILING = "compiling for this computer, once: this takes some minutes"
 
 _REPORTED_EVERY = 5.0  # [s]
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.quaternion_spline import QuaternionSpline, sign_continuous
+from crar_drake.motion.rates import check_rate
 from crar_drake.references.robot_motion import RobotMotion
 
 # A last sample is taken if it is beyond the motion's end by rounding alone [frames].
@@ -41,12 +42,13 @@ def resampled(motion: RobotMotion, rate: float) -> tuple[RobotMotion, tuple[str,
         has a row for each of the old frames.
 
     Raises:
-        MotionError: there is one frame only.
+        MotionError: there is one frame only, or no motion has the rate.
     """
     if rate == motion.rate:
         return motion, ()
     if motion.num_frames < 2:
         raise MotionError(f"{motion.source}: one frame has no rate to change")
+    check_rate(rate)
     count = int(np.floor(motion.duration * rate + _ROUNDING)) + 1
     times = np.minimum(np.arange(count) / rate, motion.duration)
     left_out = tuple(

@@ -18,6 +18,7 @@ from crar_drake.motion.catalogue import load_performer, motion_files
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import SIDES
 from crar_drake.motion.quaternion_spline import sign_continuous
+from crar_drake.motion.rates import check_rate
 from crar_drake.motion.report import inspect
 from crar_drake.references.clean_file import CleanedClip, MotionCleaner
 from crar_drake.references.cleaning import CleaningParameters
@@ -109,6 +110,9 @@ class RetargetOptions:
     rate: float = RATE
     parameters: RetargetingParameters = field(default_factory=RetargetingParameters)
     balance: bool = False
+
+    def __post_init__(self) -> None:
+        check_rate(self.rate)
 
     def certified(self, motion: str | os.PathLike[str]) -> dict:
         """What a certificate has of them, of one motion.

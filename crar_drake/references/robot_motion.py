@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
+from crar_drake.motion.rates import check_rate
 
 # The layout of a file that does not tell whether its joints are depth first or breadth
 # first, until its robot does.
@@ -73,7 +74,8 @@ class RobotMotion:
         """
         Raises:
             MotionError: shapes do not fit, a number is not finite, a quaternion is
-                not of length 1, a joint is there twice, or the rate is not positive.
+                not of length 1, a joint is there twice, or no motion has the
+                rate.
         """
         p, Q, q = self.root_positions, self.root_quaternions, self.joint_positions
         if p.ndim != 2 or p.shape[1] != 3 or len(p) == 0:
@@ -102,8 +104,10 @@ class RobotMotion:
                 f"{np.linalg.norm(Q[row]):.3g}, and is no rotation"
             )
         check_joint_names(self.joint_names, q.shape[1], self.source)
-        if not (np.isfinite(self.rate) and self.rate > 0.0):
-            raise self._error(f"the rate is {self.rate}, not a positive number [Hz]")
+        try:
+            check_rate(self.rate)
+        except MotionError as error:
+            raise self._error(str(error)) from None
 
     @property
     def num_frames(self) -> int:

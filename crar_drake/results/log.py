@@ -151,8 +151,8 @@ class SimulationLog:
         """Reads what `save` wrote.
 
         Raises:
-            CrarError: there is no such file, it cannot be read, or it is not such an
-                archive.
+            CrarError: there is no such file, or it cannot be read;
+            NoLog: it is not such an archive.
         """
         path = Path(path)
         if path.is_dir():
@@ -166,7 +166,7 @@ class SimulationLog:
             log._check()
             return log
         except _Unfit as error:
-            raise CrarError(
+            raise NoLog(
                 f"{path}: not a log of crar-drake run, or of another version: {error}"
             ) from error
 
@@ -189,6 +189,10 @@ class SimulationLog:
 
 # Of a control period, that a sample may be beside its tick.
 _ROUNDING = 1e-6
+
+
+class NoLog(CrarError):
+    """A file is no log of a run."""
 
 
 class _Unfit(Exception):

@@ -4,6 +4,7 @@
 import math
 import os
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -265,7 +266,7 @@ def check_soles(soles: dict[str, list[list[float]]], where: str) -> None:
 
 def is_speed_limit(value: float) -> bool:
     """Whether a largest speed makes sense: positive, perhaps infinite, not NaN."""
-    return not math.isnan(value) and value > 0.0
+    return isinstance(value, Real) and not math.isnan(value) and value > 0.0
 
 
 def robot_names() -> list[str]:
@@ -291,6 +292,10 @@ def load_robot_description(robot: str | os.PathLike[str]) -> RobotDescription:
         ModelError: there is no such robot, it is not imported yet, or its file is
             not a description; the message names file, key and line.
     """
+    if not isinstance(robot, str | os.PathLike):
+        raise ModelError(
+            f"a robot is given by its name or path, not as {type(robot).__name__}"
+        )
     path = Path(robot)
     if path.is_dir():
         path = path / "robot.yaml"
@@ -395,6 +400,12 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
             cannot be welded; or there is a ground, and a link "ground" as well; or a
             mesh of the environment cannot be used.
     """
+    if not description.model:
+        raise ModelError(
+            f"robot {description.name}: the description has no model, which could be "
+            "parsed; of a robot that is in a plant of yours give "
+            "ControlModel.FromPlant(plant, scene_graph, description, tasks)"
+        )
     folder = Path(description.folder)
     parser = Parser(plant)
     if (folder / "package.xml").is_file():

@@ -130,9 +130,9 @@ def AddCrarController(
     Raises:
         ModelError: the plant is not finalized, has another state or other
             actuators than the control model or stands elsewhere, or a name is not in
-            it; or the root floats, and the plant's applied_generalized_force is
-            connected already, or other things in the plant move; or `model_instance`
-            lacks `control_model`.
+            it; or its actuation is connected already; or the root floats, and the
+            plant's applied_generalized_force is connected already, or other things in
+            the plant move; or `model_instance` lacks `control_model`.
         ScenarioError: a parameter is out of range, or the control period or the
             torque period is not a multiple of the plant's time step.
     """
@@ -166,6 +166,10 @@ def AddCrarController(
                 "must be the same robot (model_instance names it in a plant with more)"
             )
     check_place(plant, control_model, *part)
+    if builder.IsConnectedOrExported(plant.get_actuation_input_port(*part)):
+        raise ModelError(
+            "the robot's actuation is connected already, to another controller perhaps"
+        )
     damped = any(
         plant.get_joint(index).default_damping_vector().any()
         for index in plant.GetJointIndices()

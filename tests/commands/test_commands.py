@@ -377,6 +377,8 @@ def test_what_is_no_log_is_refused(command, name, told, empty_folder, capsys):
     message = refused(capsys, command, name)
     assert told in message
     assert "pickle" not in message.lower().replace(f"{name}:", "")
+    asked = command == "judge" and name != "."  # whether it is a motion instead
+    assert ("nor is it a reference motion" in message) == asked
 
 
 def test_judging_a_log_of_another_model_is_refused(empty_folder, capsys):

@@ -16,6 +16,8 @@ import pytest
 
 from crar_drake.commands import main, serve
 from crar_drake.commands.serve import GATE, NeverWaiting
+from crar_drake.equations.compilation import COMPILING, IS_COMPILED
+from crar_drake.errors import CrarError
 from crar_drake.teleoperation.serving import make_server
 from crar_drake.teleoperation.target_stream import Gate
 
@@ -155,6 +157,25 @@ def test_the_command_ends_with_what_it_did(capsys):
     printed = capsys.readouterr().out
     assert "upper_body: UDP at 127.0.0.1:" in printed
     assert "messages: none" in printed and "smallest distance: 79" in printed
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
+def test_it_says_that_it_compiles(monkeypatch, capfd):
+    import numba
+
+    def make(*_, **__):
+        numba.njit(lambda x: x + 1.0)(1.0)
+        raise CrarError("made")
+
+    monkeypatch.setattr("crar_drake.teleoperation.serving.make_server", make)
+    monkeypatch.setattr(serve, "NeverWaiting", Printing)
+    assert main(["serve"]) == 2
+    assert COMPILING in capfd.readouterr().err
+
+
+class Printing:
+    def write(self, line: str) -> None:
+        print(line, file=sys.stderr)
 
 
 def test_the_defaults_are_those_of_the_gate():

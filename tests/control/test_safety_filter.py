@@ -397,6 +397,14 @@ def test_a_start_without_numbers_is_refused(arm):
         ),
         ({"velocity_limits": {"joint9": 1.0}}, ScenarioError, "joint9"),
         ({"velocity_scale": -1.0}, ScenarioError, "velocity_scale"),
+        ({"robot": 7}, ModelError, "not as int"),
+        ({"robot": RobotDescription()}, ModelError, "no model.*FromPlant"),
+        ({"period": "0.02"}, ScenarioError, "filter.period: '0.02' is no number"),
+        ({"period": np.float32(-1.0)}, ScenarioError, "filter.period"),
+        ({"lookahead": {"horizon": 0.1}}, ScenarioError, "LookaheadParameters"),
+        ({"velocity_scale": "1"}, ScenarioError, "filter.velocity_scale: '1'"),
+        ({"velocity_limits": [1.0]}, ScenarioError, "filter.velocity_limits"),
+        ({"velocity_limits": {"joint1": "1"}}, ScenarioError, "joint1: '1'"),
     ],
 )
 def test_a_filter_that_cannot_be_made_says_why(arguments, error, word):

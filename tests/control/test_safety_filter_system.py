@@ -137,6 +137,17 @@ def test_a_wanted_state_is_position_and_velocity(filter):
     )
 
 
+@pytest.mark.parametrize("speeds", [[-1.0], [np.nan], [[1.0]], 1.0, "fast"])
+def test_speeds_of_obstacles_that_are_none_are_refused(filter, speeds):
+    with pytest.raises(InputError, match="obstacle_speeds"):
+        SafetyFilterSystem(filter, obstacle_speeds=speeds)
+
+
+def test_it_is_made_of_a_filter():
+    with pytest.raises(InputError, match="give a SafetyFilter, not str"):
+        SafetyFilterSystem("obstacle_arm")
+
+
 @pytest.mark.parametrize(
     "ports, word",
     [

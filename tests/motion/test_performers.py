@@ -106,6 +106,21 @@ def test_what_was_inferred_is_said(plain) -> None:
     assert "left_toe: end of LeftFoot" in matches
 
 
+def test_limbs_by_the_tree_are_said(clip, plain, tmp_path) -> None:
+    assert not any("tree" in fact.value for fact in plain.facts)
+    text = bvh_text(clip, Convention())
+    for i, name in enumerate(("Arm", "ForeArm", "Hand")):
+        for side in ("Left", "Right"):
+            text = re.sub(rf"\b{side}{name}\b", f"Bone{side[0] == 'L':d}{i}", text)
+    performer = performed(tmp_path, text)
+    assert "left_elbow: Bone11" in list(performer.matches())
+    said = [str(fact) for fact in performer.facts]
+    assert (
+        "arms by the shape of the tree (inferred: names do not tell them; "
+        "--joints says otherwise)" in said
+    )
+
+
 def test_overrides_count(clip, tmp_path) -> None:
     text = bvh_text(clip, Convention())
     upright = performed(tmp_path, text)

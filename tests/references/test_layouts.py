@@ -444,6 +444,7 @@ def test_bad_npz_files(tmp_path: Path, robot):
     refused("another robot: it lacks waist; it has tail", joint_names=np.array(others))
     refused("frame 3, column 2 is nan", joint_pos=spoiled(2, 8, np.nan))
     refused("the rate is 0", fps=[0])
+    refused("the rate is 1e.09 Hz; .* at most 100000 Hz", fps=[1e9])
     refused("not one number", fps=[30, 40])
     refused(r"has no body_pos_w", joint_names=None, joint_pos=JOINTS)
     np.savez(file, **good)

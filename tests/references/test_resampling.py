@@ -125,6 +125,9 @@ def test_convert(tmp_path: Path, capsys):
     assert "say its layout with --to: beyondmimic-npz" in capsys.readouterr().err
     assert main(["convert", str(source), str(out), "--to", "gmr-pkl"]) == 2
     assert "gmr-pkl is a .pkl file" in capsys.readouterr().err
+    given[given.index("--robot") :] = ["--to", "mjlab-npz", "--rate", "1e12"]
+    assert main([*given, "--robot", robot]) == 2
+    assert "the rate is 1e+12 Hz" in capsys.readouterr().err
 
 
 def test_motion_tells_what_was_guessed(tmp_path: Path, capsys):

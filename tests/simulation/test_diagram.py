@@ -83,6 +83,16 @@ def test_the_control_model_is_a_clone_by_default():
     np.testing.assert_array_equal(model.rest_positions(), [0.0, 0.0])
 
 
+def test_two_controllers_of_one_robot_are_refused():
+    builder = DiagramBuilder()
+    plant, scene_graph = add_plant(builder, chain_urdf("zyz"))
+    controlled(plant, scene_graph, builder)
+    systems = len(builder.GetSystems())
+    with pytest.raises(ModelError, match="actuation is connected already"):
+        controlled(plant, scene_graph, builder)
+    assert len(builder.GetSystems()) == systems
+
+
 def test_plant_that_is_not_finalized():
     builder = DiagramBuilder()
     plant, scene_graph = add_plant(builder, chain_urdf("zz"), finalize=False)

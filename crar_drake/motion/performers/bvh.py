@@ -51,7 +51,8 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
             f"motion {name}: it has a single frame; at least 2 are needed"
         )
     poses = bvh_kinematics(bvh)
-    found = JointMatch(bvh, poses, name, options).joints()
+    match = JointMatch(bvh, poses, name, options)
+    found = match.joints()
     notes, doubts = [], []
     guessed = frozenset({"neck"} - set(found))
 
@@ -134,7 +135,7 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
             same=repeated(bvh.values[first:]),
             doubts=tuple(doubts),
             notes=tuple(notes),
-            facts=(_pose_fact(rest if standing else {}),),
+            facts=(*_match_facts(match), _pose_fact(rest if standing else {})),
         ),
         options,
     )
@@ -191,6 +192,15 @@ def _stands(rest: Mapping[str, np.ndarray]) -> bool:
     return abs(hips @ up) < 0.5 and all(
         leg @ up / np.linalg.norm(leg) < _AWAY for leg in legs
     )
+
+
+def _match_facts(match: JointMatch) -> list[Fact]:
+    """Which joints names did not tell."""
+    if not match.told_by_tree:
+        return []
+    limbs = " and ".join(f"{limb}s" for limb in match.told_by_tree)
+    why = "names do not tell them; --joints says otherwise"
+    return [Fact(limbs, "by the shape of the tree", "inferred", why)]
 
 
 def _pose_fact(rest: Mapping[str, np.ndarray]) -> Fact:

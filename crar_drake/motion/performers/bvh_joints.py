@@ -38,6 +38,7 @@ class JointMatch:
             ]
         )
         self.options = options
+        self.told_by_tree: list[str] = []  # limbs: "arm", "leg"
 
     def joints(self) -> dict[str, int]:
         """Joint of JOINTS, and perhaps thumbs, to its index.
@@ -62,6 +63,7 @@ class JointMatch:
         ]
         if lacking:
             found |= self.by_tree(lacking, found)
+            self.told_by_tree = lacking
         found = self.trunk(found, by_file)
         return self.toes(found) | by_file
 

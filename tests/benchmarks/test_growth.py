@@ -4,7 +4,7 @@ import numpy as np
 from short_motions import short_amc
 from small_reference_robots import reaching, write_csv, write_robot
 
-from benchmarks.motion_growth import (
+from benchmarks.growth import (
     FRAMES,
     RATE,
     arms_description,

@@ -1,13 +1,14 @@
-"""How does the time of cleaning and retargeting grow with frames, joints and pairs?
+"""How do cleaning, retargeting and the filter grow with frames, joints and pairs?
 
-    python -m benchmarks.motion_growth g1_whole_body dance.csv 02_01.amc
-        [--page docs/measurements/throughput.md]
+    python -m benchmarks.growth g1_whole_body dance.csv 02_01.amc
+        [--page docs/measurements/speed.md]
 
 With frames: a motion (a CSV is cleaned, an AMC with its ASF beside retargeted) goes
 there and back, and that again and again, so that each part asks for the same; from its
 file to the certified one. With joints and pairs: arms of seven joints that swing
-alike, each through its own sphere, cleaned as arrays, without files and meshes; the
-more arms, or the more often a sphere is there, the more of the same.
+alike, each through its own sphere; the more arms, or the more often a sphere is there,
+the more of the same. They are cleaned as arrays, without files and meshes, and
+filtered frame by frame.
 """
 
 import shutil
@@ -22,6 +23,7 @@ from rich.progress import track
 from benchmarks.page import Benchmark, Table, run
 from benchmarks.step import fit_growth
 from benchmarks.step_robots import LINKS_PER_ARM, ON_A_LINK, link_urdf, sphere_urdf
+from crar_drake.control.safety_filter import SafetyFilter
 from crar_drake.motion.catalogue import motion_files
 from crar_drake.motion.options import MotionOptions
 from crar_drake.references.clean_file import FileCleaner
@@ -98,27 +100,45 @@ def with_frames(robot: str, motion: Path) -> list[str]:
     return _row(name, "frames", frames, frames, changed, seconds[1:])
 
 
-def with_arms(growing: str, robots: Sequence[tuple[int, int]]) -> list[str]:
+def with_arms(what: str, growing: str, robots: Sequence[tuple[int, int]]) -> list[str]:
     """The row of arms that grow.
 
     Args:
+        what: of ON_ARMS.
         growing: "joints" or "pairs".
         robots: of each the arms, and how often the sphere of an arm is there.
     """
     sizes, changed, seconds = [], [], []
     with tempfile.TemporaryDirectory() as name:
-        for arms, spheres in track(robots, growing):
-            cleaner = Cleaner(arms_description(Path(name), arms, spheres), RATE)
-            pairs = cleaner.description.pairs
-            sizes.append(len(pairs) if growing == "pairs" else cleaner.model.n)
-            reference = swinging(cleaner.model.n)
-            rounds = [_timed(cleaner.clean, reference) for _ in range(ROUNDS)]
+        for arms, spheres in track(robots, f"{what}, {growing}"):
+            description = arms_description(Path(name), arms, spheres)
+            reference, work = swinging(LINKS_PER_ARM * arms), ON_ARMS[what](description)
+            rounds = [_timed(work, reference) for _ in range(ROUNDS)]
             # The first one of all compiles; the median does not mind.
-            found, took = rounds[0][0], float(np.median([took for _, took in rounds]))
-            changed.append(int((found.q != reference).any(axis=1).sum()))
-            seconds.append(took)
+            seconds.append(float(np.median([took for _, took in rounds])))
+            changed.append(int((rounds[0][0] != reference).any(axis=1).sum()))
+            joints, pairs = reference.shape[1], len(description.pairs)
+            sizes.append(pairs if growing == "pairs" else joints)
     frames = [FRAMES] * len(sizes)
-    return _row("clean, arms", growing, sizes, frames, changed, seconds)
+    return _row(f"{what}, arms", growing, sizes, frames, changed, seconds)
+
+
+def _cleaning(robot: RobotDescription) -> Callable[[np.ndarray], np.ndarray]:
+    cleaner = Cleaner(robot, RATE)
+    return lambda reference: cleaner.clean(reference).q
+
+
+def _filtering(robot: RobotDescription) -> Callable[[np.ndarray], np.ndarray]:
+    filter = SafetyFilter(robot, 1.0 / RATE)
+
+    def filtered(reference: np.ndarray) -> np.ndarray:
+        filter.reset(reference[0])
+        return np.array([filter(q=q).q for q in reference])
+
+    return filtered
+
+
+ON_ARMS = {"clean": _cleaning, "filter": _filtering}
 
 
 def arms_description(folder: Path, arms: int, spheres: int) -> RobotDescription:
@@ -184,14 +204,15 @@ def _row(
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Measures, and prints the table."""
-    benchmark = Benchmark("benchmarks.motion_growth", __doc__, "throughput")
+    benchmark = Benchmark("benchmarks.growth", __doc__, "speed")
     benchmark.parser.add_argument("robot", help="name or folder")
     benchmark.parser.add_argument("motions", nargs="+", type=Path)
     arguments = benchmark.parse(argv, lambda given: "growth")
     robot = whole_body_name(arguments.robot)
     rows = [with_frames(robot, motion) for motion in arguments.motions]
-    rows.append(with_arms("joints", [(arms, 1) for arms in ARMS]))
-    rows.append(with_arms("pairs", [(2, spheres) for spheres in SPHERES]))
+    for what in ON_ARMS:
+        rows.append(with_arms(what, "joints", [(arms, 1) for arms in ARMS]))
+        rows.append(with_arms(what, "pairs", [(2, spheres) for spheres in SPHERES]))
     benchmark.report([Table(HEADER, rows)])
 
 

@@ -4,6 +4,8 @@ Arms of up to seven small links stand around a base, among small spheres: some
 within the arms' reach, some metres away. Every number comes from a fixed seed.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
@@ -22,6 +24,7 @@ FAR = 3.0  # how far the far ones are at least [m]
 PERIOD = 5e-3  # control period [s]
 
 _LENGTH, _RADIUS = 0.05, 0.008  # of a link [m]
+ON_A_LINK = f"0 0 {_LENGTH}"  # where the next one begins
 _CIRCLE = 0.10  # radius on which the arms stand [m]
 _AXES = ("1 0 0", "0 1 0", "0 0 1")
 _SEED = 1
@@ -108,20 +111,8 @@ def robot_urdf(num_joints: int) -> str:
             x, y = _CIRCLE * _on_circle(arm, arms)
             parent, origin = "base", f"{x:.9g} {y:.9g} 0"
         else:
-            parent, origin = f"link{i - 1}", f"0 0 {_LENGTH}"
-        text.append(
-            f'<link name="link{i}"><inertial><origin xyz="0 0 {_LENGTH / 2}"/>'
-            '<mass value="0.2"/><inertia ixx="1e-4" iyy="1e-4" izz="5e-5" ixy="0" '
-            f'ixz="0" iyz="0"/></inertial><collision><origin xyz="0 0 {_LENGTH / 2}"/>'
-            f'<geometry><capsule radius="{_RADIUS}" length="{_LENGTH - 2 * _RADIUS}"/>'
-            "</geometry></collision></link>"
-            f'<joint name="joint{i}" type="revolute"><parent link="{parent}"/>'
-            f'<child link="link{i}"/><origin xyz="{origin}"/>'
-            f'<axis xyz="{_AXES[place % 3]}"/><limit lower="-2.5" upper="2.5"/></joint>'
-            "<transmission><type>transmission_interface/SimpleTransmission</type>"
-            f'<joint name="joint{i}"><hardwareInterface>EffortJointInterface'
-            f'</hardwareInterface></joint><actuator name="joint{i}"/></transmission>'
-        )
+            parent, origin = f"link{i - 1}", ON_A_LINK
+        text.append(link_urdf(i, parent, origin))
     rng = np.random.default_rng(_SEED)
     for k in range(NUM_SPHERES):
         # Inside the circle of arms, at the height of their middle.
@@ -131,13 +122,36 @@ def robot_urdf(num_joints: int) -> str:
         away = rng.normal(size=3)
         away *= rng.uniform(FAR + 1.0, FAR + 2.0) / np.linalg.norm(away)
         for name, p in ((f"near{k}", near), (f"far{k}", away)):
-            text.append(
-                f'<link name="{name}"><collision><geometry><sphere radius="0.005"/>'
-                f'</geometry></collision></link><joint name="{name}" type="fixed">'
-                f'<parent link="base"/><child link="{name}"/>'
-                f'<origin xyz="{p[0]:.9g} {p[1]:.9g} {p[2]:.9g}"/></joint>'
-            )
+            text.append(sphere_urdf(name, p, 0.005))
     return "".join(text) + "</robot>"
+
+
+def link_urdf(i: int, parent: str, origin: str) -> str:
+    """Link and joint number i, on a parent, with an actuator."""
+    return (
+        f'<link name="link{i}"><inertial><origin xyz="0 0 {_LENGTH / 2}"/>'
+        '<mass value="0.2"/><inertia ixx="1e-4" iyy="1e-4" izz="5e-5" ixy="0" '
+        f'ixz="0" iyz="0"/></inertial><collision><origin xyz="0 0 {_LENGTH / 2}"/>'
+        f'<geometry><capsule radius="{_RADIUS}" length="{_LENGTH - 2 * _RADIUS}"/>'
+        "</geometry></collision></link>"
+        f'<joint name="joint{i}" type="revolute"><parent link="{parent}"/>'
+        f'<child link="link{i}"/><origin xyz="{origin}"/>'
+        f'<axis xyz="{_AXES[i % LINKS_PER_ARM % 3]}"/>'
+        '<limit lower="-2.5" upper="2.5"/></joint>'
+        "<transmission><type>transmission_interface/SimpleTransmission</type>"
+        f'<joint name="joint{i}"><hardwareInterface>EffortJointInterface'
+        f'</hardwareInterface></joint><actuator name="joint{i}"/></transmission>'
+    )
+
+
+def sphere_urdf(name: str, p: Sequence[float], radius: float) -> str:
+    """A link that is a sphere on the base [m]."""
+    return (
+        f'<link name="{name}"><collision><geometry><sphere radius="{radius:g}"/>'
+        f'</geometry></collision></link><joint name="{name}" type="fixed">'
+        f'<parent link="base"/><child link="{name}"/>'
+        f'<origin xyz="{p[0]:.9g} {p[1]:.9g} {p[2]:.9g}"/></joint>'
+    )
 
 
 def _on_circle(arm: int, arms: int) -> np.ndarray:

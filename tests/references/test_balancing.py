@@ -1,4 +1,4 @@
-"""Balanced motions of a small humanoid, judged by Drake's inverse dynamics."""
+"""Balanced motions of a small humanoid, judged by Drake's momentum."""
 
 from dataclasses import replace
 

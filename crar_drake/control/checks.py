@@ -25,8 +25,8 @@ def check_numbers(
     may_be_zero: set[str],
     may_be_infinite: set[str] = frozenset(),
 ) -> None:
-    """Every number one, positive and finite; zero or infinite only where that means
-    "off".
+    """Fields that are numbers by default are numbers, positive and finite; zero or
+    infinite only where that means "off".
 
     Raises:
         ScenarioError: names the field.

@@ -20,7 +20,7 @@ class ObstaclePort:
             speeds: (N,) bounds of their speeds [m/s].
 
         Raises:
-            InputError: one is none, infinite or negative.
+            InputError: one is not a number, infinite or negative.
         """
         self._system, self._port = system.get_name(), None
         try:

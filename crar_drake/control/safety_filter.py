@@ -259,8 +259,8 @@ class SafetyFilter:
 
         Raises:
             ModelError: there is no such robot, or it cannot be controlled.
-            ScenarioError: a number is none or out of range; or there is a preview,
-                which plans for tasks.
+            ScenarioError: a number is out of range, or what is given for one is not a
+                number; or there is a preview, which plans for tasks.
         """
         if not isinstance(period, Real):
             raise ScenarioError(f"filter.period: {period!r} is no number of seconds")

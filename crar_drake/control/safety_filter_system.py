@@ -90,7 +90,8 @@ class SafetyFilterSystem(LeafSystem):
             obstacle_speeds: (N,) bounds of the speeds of obstacles [m/s].
 
         Raises:
-            InputError: `filter` is none, or a speed is none or negative.
+            InputError: `filter` is not a SafetyFilter, or a speed is not a number or
+                negative.
         """
         super().__init__()
         if not isinstance(filter, SafetyFilter):

@@ -94,8 +94,8 @@ class CleanedClip(Change):
         outside_before, outside: how far outside the support the centre of pressure is
             in them, in the worst of 95 % [m]; negative inside.
         lifts: of feet while another one, or a hand, stays planted; -1 as well.
-        lifts_before, lifts_outside: those of them, of the motion before and after, that
-            are not balanced on what stays.
+        lifts_outside: those of them that are not balanced on what stays,
+        lifts_before: and of the lifts of the motion before.
         lifted_outside: which they are, and by how much, in words; "" if none is.
         outside_in: frames in which the centre of pressure is outside, and by how
             much, in words; "" without any.
@@ -556,8 +556,8 @@ def _note_of_balance(row: CleanedClip) -> str:
     frames = f"; outside in frames {row.outside_in}" if row.outside_in else ""
     return (
         "balance, a note on feasibility: the ground could give what the motion takes "
-        f"in {row.given:.4f} of the {row.stands} frames that stand, by inverse "
-        f"dynamics; in {row.given_before:.4f} before{frames}; {lifts}"
+        f"in {row.given:.4f} of the {row.stands} frames that stand, by the change of "
+        f"momentum; in {row.given_before:.4f} before{frames}; {lifts}"
     )
 
 

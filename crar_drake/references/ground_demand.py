@@ -148,9 +148,9 @@ def mean_wrench(
     momentum of the step before to that of the step after, and holds the weight.
 
     Instants count the more, the nearer they are to the frame. The force is so whatever
-    the motion does between frames, the moment if it goes straight. What the ground can
-    give at each instant, it can give in the mean, since its cone is convex; what it
-    cannot give in the mean, it cannot give.
+    the motion does between frames, the moment if it goes straight. The cone of what the
+    ground can give is convex: while what is planted stays the same, the ground can give
+    in the mean what it can give at each instant.
 
     Args:
         robot: that moves.
@@ -167,20 +167,25 @@ def mean_wrench(
     wrench = np.full((T, 6), np.nan)
     if T > 2:
         ways = _Ways(robot, root, motion)
-        h, before, after = np.zeros((3, T - 1, 6))
+        L, before, after = np.zeros((3, T - 1, 3))
         for share in _GAUSS:
             q = ways.at(share)
             for t in range(T - 1):
                 plant.SetPositions(context, q[t])
                 plant.SetVelocities(context, ways.v[t])
-                L = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
-                h[t, :3] += 0.5 * L.rotational()
-                h[t, 3:] += 0.5 * L.translational()
-                centre = plant.CalcCenterOfMassPositionInWorld(context)
-                held = 0.5 * np.concatenate([np.cross(centre, weight), weight])
+                h = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
+                L[t] += 0.5 * h.rotational()
+                p_WC = plant.CalcCenterOfMassPositionInWorld(context)
+                held = 0.5 * np.cross(p_WC, weight)
                 before[t] += share * held
                 after[t] += (1.0 - share) * held
-        wrench[1:-1] = motion.rate * np.diff(h, axis=0) + before[:-1] + after[1:]
+        rate = motion.rate
+        wrench[1:-1, :3] = rate * np.diff(L, axis=0) + before[:-1] + after[1:]
+        centres = np.empty((T, 3))
+        for t, whole in enumerate(plant_motion(robot, root, motion)[0]):
+            plant.SetPositions(context, whole)
+            centres[t] = plant.CalcCenterOfMassPositionInWorld(context)
+        wrench[1:-1, 3:] = mass * rate**2 * np.diff(centres, 2, axis=0) + weight
     return GroundWrench(wrench[:, 3:], wrench[:, :3], float(np.linalg.norm(weight)))
 
 

@@ -42,7 +42,9 @@ def link_outlines(
     """
     if has_meshes(plant, scene_graph):
         outlines = {}
-        for link in meshes or read_link_meshes(plant, scene_graph):
+        if meshes is None:
+            meshes = read_link_meshes(plant, scene_graph)
+        for link in meshes:
             vertices = np.concatenate([part.vertices for part in link.parts])
             hull = _hull(vertices)
             outlines[link.name] = LinkOutline(hull, np.zeros(len(hull)))

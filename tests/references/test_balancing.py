@@ -256,7 +256,8 @@ def test_the_command_says_what_became_of_it(made, folder, tmp_path, capsys):
     assert f"{100 * shares[0]:.0f} % and 100 % of the frames that stand" in said
     certificate = read_certificate(tmp_path / "out.certificate.json")
     assert certificate["options"]["balance"] is True
-    assert "in 1.0000 of the 59 frames" in certificate["notes"][""]
+    note = certificate["notes"][""]
+    assert "in 1.0000 of the 59 frames" in note and "by the change of momentum" in note
     judged = ["judge", str(out), "--robot", str(folder), "--layout", "wxyz-csv"]
     assert main([*judged, "--certificate"]) == 0
     capsys.readouterr()

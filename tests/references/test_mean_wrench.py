@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from small_walker import walker
 
 from crar_drake.references.ground_demand import ground_wrench, mean_wrench
@@ -10,6 +11,7 @@ from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_root, load_robot_description
 
 AXIS = np.array([0.36, -0.48, 0.8])
+FIRST = np.array([0.4, 0.9, -0.5])  # how the root is turned first [rad]
 W = 7.0  # [rad/s] of all that swings
 
 
@@ -29,9 +31,9 @@ def swinging(robot, root, t):
         size * wave
         for wave in (np.sin(phase), W * np.cos(phase), -(W**2) * np.sin(phase))
     )
-    quaternions = np.column_stack(
-        [np.cos(0.5 * x[:, 3]), np.sin(0.5 * x[:, 3:4]) * AXIS]
-    )
+    # About a fixed axis of the world, which is not one of the root's.
+    turned = Rotation.from_rotvec(x[:, 3:4] * AXIS) * Rotation.from_rotvec(FIRST)
+    quaternions = turned.as_quat()[:, [3, 0, 1, 2]]
     rate = 1.0 / (t[1] - t[0])
     motion = RobotMotion(robot.joint_names, x[:, :3], quaternions, x[:, 4:], rate)
     q = robot.configurations(x[:, 4:])
@@ -63,7 +65,7 @@ def test_it_is_the_mean_of_the_instants(made):
         # Ways between frames are straight, by (W h)^2 of the moment's parts.
         size = np.abs(each.moment).max()
         np.testing.assert_allclose(
-            found.moment[frame], share @ each.moment, atol=2e-3 * size
+            found.moment[frame], share @ each.moment, atol=4e-3 * size
         )
 
 
@@ -87,7 +89,7 @@ def test_joints_that_jump(made):
         centres.append(plant.CalcCenterOfMassPositionInWorld(context))
     mass = plant.CalcTotalMass(context)
     expected = mass * rate**2 * np.diff(centres, 2, axis=0) + [0, 0, found.weight]
-    np.testing.assert_allclose(found.force[1:-1], expected, rtol=1e-3, atol=1.0)
+    np.testing.assert_allclose(found.force[1:-1], expected, atol=1e-9 * found.weight)
     assert np.abs(expected).max() > 3.0 * found.weight
 
 

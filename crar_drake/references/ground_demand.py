@@ -12,13 +12,13 @@ a controller would keep the robot up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces, QuaternionFloatingJoint
 from scipy.spatial import ConvexHull, QhullError
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Slerp
 
 from crar_drake.errors import ModelError
 from crar_drake.references.robot_motion import RobotMotion
@@ -75,70 +75,55 @@ def plant_motion(
         root: by which it floats; None if its base is fixed.
         motion: with its joints in the robot's order.
     """
-    T = motion.num_frames
-    q = _positions(
-        robot, root, motion.joint_positions, motion.root_positions,
-        motion.root_rotations,
-    )  # fmt: skip
-    v, vdot = np.zeros((2, T, robot.plant.num_velocities()))
-    if T > 2:
-        ways = _Ways(robot, root, motion)
-        v[1:-1] = 0.5 * (ways.v[1:] + ways.v[:-1])
-        vdot[1:-1] = motion.rate * np.diff(ways.v, axis=0)
+    q = _positions(robot, root, motion)
+    v, vdot = np.zeros((2, motion.num_frames, robot.plant.num_velocities()))
+    if motion.num_frames > 2:
+        steps = _step_velocities(robot, root, motion)
+        v[1:-1] = 0.5 * (steps[1:] + steps[:-1])
+        vdot[1:-1] = motion.rate * np.diff(steps, axis=0)
         for x in (v, vdot):
             x[0], x[-1] = x[1], x[-2]
     return q, v, vdot
 
 
 def _positions(
-    robot: WholeBody,
-    root: QuaternionFloatingJoint | None,
-    joint_positions: np.ndarray,
-    root_positions: np.ndarray,
-    rotations: Rotation,
+    robot: WholeBody, root: QuaternionFloatingJoint | None, motion: RobotMotion
 ) -> np.ndarray:
     """(T, nq) of the plant."""
-    q = robot.configurations(joint_positions)
+    q = robot.configurations(motion.joint_positions)
     if root is not None:
         at = root.position_start()
-        q[:, at : at + 4] = rotations.as_quat()[:, [3, 0, 1, 2]]
-        q[:, at + 4 : at + 7] = root_positions
+        q[:, at : at + 4] = motion.root_rotations.as_quat()[:, [3, 0, 1, 2]]
+        q[:, at + 4 : at + 7] = motion.root_positions
     return q
 
 
-class _Ways:
-    """The straight ways from each frame to the next; root as of `plant_motion`.
+def _step_velocities(
+    robot: WholeBody, root: QuaternionFloatingJoint | None, motion: RobotMotion
+) -> np.ndarray:
+    """(T - 1, nv) of the straight ways from each frame to the next."""
+    steps = robot.velocities(np.diff(motion.joint_positions, axis=0))
+    if root is not None:
+        at, rotations = root.velocity_start(), motion.root_rotations
+        steps[:, at : at + 3] = (rotations[1:] * rotations[:-1].inv()).as_rotvec()
+        steps[:, at + 3 : at + 6] = np.diff(motion.root_positions, axis=0)
+    return motion.rate * steps
 
-    Attributes:
-        v: (T - 1, nv) velocities.
-    """
 
-    def __init__(
-        self,
-        robot: WholeBody,
-        root: QuaternionFloatingJoint | None,
-        motion: RobotMotion,
-    ) -> None:
-        self._robot, self._root = robot, root
-        rotations = motion.root_rotations
-        self._from = motion.joint_positions[:-1], motion.root_positions[:-1]
-        self._steps = tuple(
-            np.diff(x, axis=0) for x in (motion.joint_positions, motion.root_positions)
-        )
-        self._first = rotations[:-1]
-        self._turns = (rotations[1:] * rotations[:-1].inv()).as_rotvec()
-        self.v = robot.velocities(self._steps[0])
-        if root is not None:
-            at = root.velocity_start()
-            self.v[:, at : at + 3] = self._turns
-            self.v[:, at + 3 : at + 6] = self._steps[1]
-        self.v *= motion.rate
-
-    def at(self, share: float) -> np.ndarray:
-        """(T - 1, nq) positions at a share of each."""
-        places = (x + share * dx for x, dx in zip(self._from, self._steps, strict=True))
-        turned = Rotation.from_rotvec(share * self._turns) * self._first
-        return _positions(self._robot, self._root, *places, turned)
+def _on_ways(motion: RobotMotion, share: float) -> RobotMotion:
+    """The T - 1 postures at a share of these ways."""
+    frames = np.arange(motion.num_frames)
+    turned = Slerp(frames, motion.root_rotations)(frames[:-1] + share)
+    joints, places = (
+        x[:-1] + share * np.diff(x, axis=0)
+        for x in (motion.joint_positions, motion.root_positions)
+    )
+    return replace(
+        motion,
+        root_positions=places,
+        root_quaternions=turned.as_quat()[:, [3, 0, 1, 2]],
+        joint_positions=joints,
+    )
 
 
 def mean_wrench(
@@ -166,13 +151,13 @@ def mean_wrench(
     weight = -mass * gravity
     wrench = np.full((T, 6), np.nan)
     if T > 2:
-        ways = _Ways(robot, root, motion)
+        v = _step_velocities(robot, root, motion)
         L, before, after = np.zeros((3, T - 1, 3))
         for share in _GAUSS:
-            q = ways.at(share)
+            q = _positions(robot, root, _on_ways(motion, share))
             for t in range(T - 1):
                 plant.SetPositions(context, q[t])
-                plant.SetVelocities(context, ways.v[t])
+                plant.SetVelocities(context, v[t])
                 h = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
                 L[t] += 0.5 * h.rotational()
                 p_WC = plant.CalcCenterOfMassPositionInWorld(context)
@@ -182,7 +167,7 @@ def mean_wrench(
         rate = motion.rate
         wrench[1:-1, :3] = rate * np.diff(L, axis=0) + before[:-1] + after[1:]
         centres = np.empty((T, 3))
-        for t, whole in enumerate(plant_motion(robot, root, motion)[0]):
+        for t, whole in enumerate(_positions(robot, root, motion)):
             plant.SetPositions(context, whole)
             centres[t] = plant.CalcCenterOfMassPositionInWorld(context)
         wrench[1:-1, 3:] = mass * rate**2 * np.diff(centres, 2, axis=0) + weight

@@ -1,5 +1,7 @@
 """How continuous the law is: what the benchmark measures, on a short stretch."""
 
+import pytest
+
 from benchmarks.continuity import main
 
 
@@ -17,3 +19,9 @@ def test_a_nudge_changes_little(capsys):
     assert int(steps) == 2 * 9  # every tenth of 100 but the first
     # A bound of what stiff gains make of 1e-9; a branch that is taken anew jumps by 1.
     assert 0.0 < float(change) < 0.1
+
+
+def test_it_tells_how_to_be_used(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert "--period" in capsys.readouterr().out

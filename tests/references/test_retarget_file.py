@@ -232,8 +232,8 @@ def test_bad_input_is_told(made, tmp_path, monkeypatch, capsys, arguments, told)
     assert main(["retarget", *arguments]) == 2
     error = capsys.readouterr().err
     # Where nothing is compiled yet, it says before that it compiles.
-    assert re.search("^crar-drake: error:", error, re.MULTILINE)
-    assert "Traceback" not in error
+    said = [line for line in error.splitlines() if "compil" not in line]
+    assert said[0].startswith("crar-drake: error:") and "Traceback" not in error
     assert re.search(told, error), error
     assert not list(tmp_path.glob("**/*.certificate.json"))
 

@@ -185,14 +185,25 @@ def machine_line(machine: dict | None = None) -> str:
 
 
 def version_line() -> str:
-    """The version of this project, with the commit where there is one."""
-    command = ["git", "describe", "--always", "--dirty"]
+    """The version of this project, with the commit where there is one.
+
+    It is `-dirty` where anything but pages of measurements, which runs write, is not
+    committed.
+    """
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True)
+        return done.stdout.strip()
+
     try:
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+        commit = git("describe", "--always")
+        changed = git(
+            "diff", "HEAD", "--name-only", "--", ".", f":!{PAGES.relative_to(ROOT)}"
+        )
     except OSError:
-        return f"crar_drake {__version__}"
-    commit = done.stdout.strip()
-    return f"crar_drake {__version__}{f', commit {commit}' if commit else ''}"
+        commit = changed = ""
+    dirty = "-dirty" if changed else ""
+    return f"crar_drake {__version__}{f', commit {commit}{dirty}' if commit else ''}"
 
 
 def results_of(page: Path) -> Path:

@@ -1,10 +1,11 @@
 """The pages of docs/measurements say what their results do."""
 
 import shutil
+import subprocess
 
 import pytest
 
-from benchmarks import continuity
+from benchmarks import continuity, page
 from benchmarks.page import (
     PAGES,
     Part,
@@ -49,6 +50,21 @@ def test_a_run_comes_through_to_its_page(tmp_path, capsys):
     assert str(tmp_path) not in page.read_text(encoding="utf-8")
     assert render(page) == page.read_text(encoding="utf-8")
     assert "another manner" in capsys.readouterr().out
+
+
+def test_a_run_is_dirty_by_code_and_not_by_pages(tmp_path, monkeypatch):
+    for name, path in (("ROOT", tmp_path), ("PAGES", tmp_path / "pages")):
+        monkeypatch.setattr(page, name, path)
+    code, written = tmp_path / "code.py", tmp_path / "pages" / "speed.md"
+    written.parent.mkdir()
+    for each in (code, written):
+        each.write_text("before")
+    for words in ("init -q", "add .", "-c user.name=a -c user.email=b commit -qm c"):
+        subprocess.run(["git", *words.split()], cwd=tmp_path, check=True)
+    written.write_text("after")
+    assert not page.version_line().endswith("-dirty")
+    code.write_text("after")
+    assert page.version_line().endswith("-dirty")
 
 
 def test_the_page_is_looked_for_before_anything_is_run(tmp_path):

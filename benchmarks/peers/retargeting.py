@@ -15,6 +15,7 @@ import subprocess
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,16 @@ HEADER = [
     "jerk, rms",
     "× real time",
 ]
+ALL_HEADER = [
+    "by",
+    "farthest limb, median / 95 %, median",
+    "slip, median and worst",
+    "lowest point, median and worst",
+    "frames with meshes in penetration",
+    "frames with a joint too fast",
+    "jerk, rms, median",
+    "× real time, median",
+]
 SETTINGS = {
     "steps": 10,
     "enough": 1e-3,
@@ -77,6 +88,73 @@ _WAYS = (
     (_GMR, {"collisions": False}),
 )
 _SOLE = 5.0  # cost of heels and balls, the other points' being 1
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What one of them made of a motion.
+
+    Attributes:
+        motion, by: which, and who.
+        limb, limb_95: the farthest limb, in the median and in 95 % of the frames [rad].
+        knees: how much more than the person's each bends, in the median [rad].
+        slip: longest way of a foot in a contact [m].
+        lowest: of all links over the floor [m].
+        frames: of the motion,
+        penetrating: those in which meshes penetrate,
+        fast: or a joint is too fast.
+        jerk: rms [rad/s³].
+        times_real_time: of one core.
+    """
+
+    motion: str
+    by: str
+    limb: float
+    limb_95: float
+    knees: tuple[float, ...]
+    slip: float
+    lowest: float
+    frames: int
+    penetrating: int
+    fast: int
+    jerk: float
+    times_real_time: float
+
+    def row(self) -> list[str]:
+        return [
+            self.motion,
+            self.by,
+            f"{_DEGREE * self.limb:.1f}° / {_DEGREE * self.limb_95:.1f}°",
+            " / ".join(f"{_DEGREE * more:+.1f}°" for more in self.knees),
+            f"{1e3 * self.slip:.0f} mm",
+            f"{1e3 * self.lowest:.1f} mm",
+            f"{self.penetrating} of {self.frames}",
+            f"{self.fast}",
+            f"{self.jerk:.0f} rad/s³",
+            f"{self.times_real_time:.1f}",
+        ]
+
+
+def row_of_all(found: Sequence[Figures]) -> list[str]:
+    """One of them, over its motions."""
+
+    def median(name: str) -> float:
+        return float(np.median([getattr(each, name) for each in found]))
+
+    frames = sum(each.frames for each in found)
+    shares = (
+        sum(getattr(each, name) for each in found) / frames
+        for name in ("penetrating", "fast")
+    )
+    return [
+        found[0].by,
+        f"{_DEGREE * median('limb'):.1f}° / {_DEGREE * median('limb_95'):.1f}°",
+        f"{1e3 * median('slip'):.0f} mm, {1e3 * max(x.slip for x in found):.0f} mm",
+        f"{1e3 * median('lowest'):.1f} mm, {1e3 * min(x.lowest for x in found):.1f} mm",
+        *(f"{100.0 * share:.1f} %" for share in shares),
+        f"{median('jerk'):.0f} rad/s³",
+        f"{median('times_real_time'):.1f}",
+    ]
 
 
 class Comparison:
@@ -103,7 +181,7 @@ class Comparison:
         self._outline = Outline(self._judge.robot)
         self._write_robot()
 
-    def rows(self, motion: str) -> list[list[str]]:
+    def figures(self, motion: str) -> list[Figures]:
         """The figures of a motion, ours first."""
         retargeter, out = self._retargeter, self._folder / "own.npz"
         clip = self._own(motion, out)
@@ -116,40 +194,43 @@ class Comparison:
             retargeter.parameters.cutoff,
         )
         own = read_motion(out, robot=self._judge.robot)
-        rows = [self._row(motion, _OWN, targets, own, clip.times_real_time)]
+        found = [self._judged(motion, _OWN, targets, own, clip.times_real_time)]
         self._write_case(targets)
         for name, more in _WAYS:
             more = more | ({"stages": self._stages()} if name == _GMR else {})
             made, seconds = self._by_mink(own, more)
-            rows.append(self._row(motion, name, targets, made, own.duration / seconds))
-        return rows
+            speed = own.duration / seconds
+            found.append(self._judged(motion, name, targets, made, speed))
+        return found
 
-    def _row(
+    def _judged(
         self,
         name: str,
         by: str,
         targets: PerformerTargets,
         motion: RobotMotion,
         times_real_time: float,
-    ) -> list[str]:
+    ) -> Figures:
         limbs, knees = likeness(self._retargeter, targets, motion)
         limbs = {limb: off for limb, off in limbs.items() if "-" in limb}
         verdict = self._judge.judge(motion)
         ground = self._outline.ground_contact(motion, floor=0.0)
         fast = {frame for beyond in verdict.speeds for frame in beyond.frames}
-        return [
-            name,
-            by,
-            f"{_DEGREE * max(m for m, _ in limbs.values()):.1f}° / "
-            f"{_DEGREE * max(m for _, m in limbs.values()):.1f}°",
-            " / ".join(f"{_DEGREE * more:+.1f}°" for more, _ in knees.values()),
-            f"{1e3 * max(foot.worst for foot in ground.feet):.0f} mm",
-            f"{1e3 * ground.lowest.min():.1f} mm",
-            f"{len(verdict.penetrating_frames)} of {motion.num_frames}",
-            f"{len(fast)}",
-            f"{verdict.rms_jerk:.0f} rad/s³",
-            f"{times_real_time:.1f}",
-        ]
+        medians, most = zip(*limbs.values(), strict=True)
+        return Figures(
+            motion=name,
+            by=by,
+            limb=max(medians),
+            limb_95=max(most),
+            knees=tuple(more for more, _ in knees.values()),
+            slip=max(foot.worst for foot in ground.feet),
+            lowest=float(ground.lowest.min()),
+            frames=motion.num_frames,
+            penetrating=len(verdict.penetrating_frames),
+            fast=len(fast),
+            jerk=verdict.rms_jerk,
+            times_real_time=times_real_time,
+        )
 
     def _write_robot(self) -> None:
         """Writes the robot for mink, with a link at each of its points."""
@@ -370,17 +451,21 @@ def main(argv: Sequence[str] | None = None) -> None:
     benchmark.parser.add_argument("robot", help="name or folder")
     benchmark.parser.add_argument("motions", nargs="+")
     arguments = benchmark.parse(argv, lambda given: f"{given.robot} beside mink")
-    rows = []
+    found: list[Figures] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         place = ROOT / "out" / "peers" / "environments"
         python = environment(place, "mink", ENVIRONMENTS["mink"])
         comparison = Comparison(whole_body_name(arguments.robot), folder, python)
         for motion in arguments.motions:
-            for row in comparison.rows(motion):
-                rows.append(row)
-                print(" | ".join(row), flush=True)
-    benchmark.report([Table(HEADER, rows)])
+            for each in comparison.figures(motion):
+                found.append(each)
+                print(" | ".join(each.row()), flush=True)
+    ways = dict.fromkeys(each.by for each in found)
+    of_all = [row_of_all([x for x in found if x.by == way]) for way in ways]
+    title = f"All {len(arguments.motions)} motions"
+    rows = [each.row() for each in found]
+    benchmark.report([Table(ALL_HEADER, of_all, title), Table(HEADER, rows, "Each")])
 
 
 if __name__ == "__main__":

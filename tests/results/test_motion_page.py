@@ -208,17 +208,19 @@ def test_meshes_decide_where_there_are_any(tmp_path):
     ]
 
 
+def crimson(image: np.ndarray) -> list[int]:
+    """Red pixels of the left and the right half."""
+    r, g, b = np.moveaxis(image, 2, 0)
+    red = (r > 0.4) & (g < 0.55 * r) & (b < 0.6 * r)
+    return [int(half.sum()) for half in np.split(red, 2, axis=1)]
+
+
 def test_the_browser_shows_red_links_and_gives_them_their_colour_back(made):
     if find_browser() is None:
         pytest.skip("there is no Chromium to open the page in")
     _, reference, _, page = made
     inside = [bool(links) for links in penetrating_links(joints_of(reference))]
     worst, clear = inside.index(True) + sum(inside) // 2, 0
-
-    def crimson(image: np.ndarray) -> list[int]:
-        r, g, b = np.moveaxis(image, 2, 0)
-        red = (r > 0.4) & (g < 0.55 * r) & (b < 0.6 * r)
-        return [int(half.sum()) for half in np.split(red, 2, axis=1)]
 
     with HeadlessBrowser(640, 480) as browser:
         browser.open(page, f"#t={clear / RATE}")
@@ -231,6 +233,21 @@ def test_the_browser_shows_red_links_and_gives_them_their_colour_back(made):
         legend = browser.evaluate("document.getElementById('crar-legend').textContent")
         assert "a link inside another, by capsules" in legend
         assert browser.complaints == []
+
+
+def test_marks_go_where_nothing_is_marked(made):
+    if find_browser() is None:
+        pytest.skip("there is no Chromium to open the page in")
+    _, reference, _, page = made
+    inside = [bool(links) for links in penetrating_links(joints_of(reference))]
+    first = inside.index(True)
+    worst = first + sum(inside) // 2
+    with HeadlessBrowser(640, 480) as browser:
+        browser.open(page, "#t=0")
+        # Seen as the user does: of a canvas that is asked for its pixels all is drawn.
+        for frame, marked in ((worst, True), (0, False), (first // 2, False)) * 3:
+            left, _ = crimson(look(browser, frame / RATE))
+            assert (left > 0) == marked
 
 
 def test_clean_leaves_a_page_beside_the_certificate(made, tmp_path, capsys):

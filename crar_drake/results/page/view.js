@@ -65,7 +65,9 @@ function makeStage(data, runs, element) {
   const canvas = document.createElement("canvas");
   canvas.id = "crar-marks";
   element.append(canvas);
-  const marks = canvas.getContext("2d");
+  // Drawn by the processor: else Chromium may show older marks again once they are
+  // cleared and none is drawn.
+  const marks = canvas.getContext("2d", { willReadFrequently: true });
 
   viewer.controls.addEventListener("start", () => { placedByUser = true; });
   viewer.camera.fov = FIELD_OF_VIEW;

@@ -35,6 +35,7 @@ from crar_drake.simulation.scenario import Pelvis, Scenario, Standing
 from crar_drake.targets.keyframes import Keyframe
 
 FRICTION = 0.8
+PLANT_STEP = 0.0025  # [s], as of the standing scenarios
 FRAME = 0.02  # between keyframes [s]
 BEGIN = 1.0  # over which swings grow from nothing [s]
 AS_BELIEVED = "as believed"
@@ -85,7 +86,7 @@ def scenario(
         velocity_scale=0.9,
         balance=BalanceParameters() if balanced else None,
     )
-    return Scenario(
+    found = Scenario(
         robot=robot,
         tasks=position_tasks(TRACKED),
         keyframes=keyframes(robot, seed, seconds),
@@ -96,6 +97,8 @@ def scenario(
         ),
         disturbances=disturbances,
     )
+    found.plant_config.time_step = PLANT_STEP
+    return found
 
 
 def figures(summary: Summary) -> dict[str, float | bool]:

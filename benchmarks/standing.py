@@ -35,7 +35,6 @@ from crar_drake.simulation.scenario import Pelvis, Scenario, Standing
 from crar_drake.targets.keyframes import Keyframe
 
 FRICTION = 0.8
-PLANT_STEP = 0.0025  # [s], as of the standing scenarios
 FRAME = 0.02  # between keyframes [s]
 BEGIN = 1.0  # over which swings grow from nothing [s]
 AS_BELIEVED = "as believed"
@@ -86,7 +85,7 @@ def scenario(
         velocity_scale=0.9,
         balance=BalanceParameters() if balanced else None,
     )
-    found = Scenario(
+    return Scenario(
         robot=robot,
         tasks=position_tasks(TRACKED),
         keyframes=keyframes(robot, seed, seconds),
@@ -97,8 +96,6 @@ def scenario(
         ),
         disturbances=disturbances,
     )
-    found.plant_config.time_step = PLANT_STEP
-    return found
 
 
 def figures(summary: Summary) -> dict[str, float | bool]:

@@ -48,15 +48,13 @@ def hull_corners(hulls: Sequence[tuple[np.ndarray, np.ndarray]]) -> Held:
         hulls: (V, 3) corners [m] and (F, 3) triangles of them each.
     """
     first = np.cumsum([0, *(len(points) for points, _ in hulls)])
-    ends = [np.zeros((0, 2), dtype=int)]
-    for (_, faces), start in zip(hulls, first[:-1], strict=True):
-        a, b, c = np.asarray(faces, dtype=int).T + start
-        for one, other in ((a, b), (b, c), (c, a)):
-            ends += [np.column_stack([one, other]), np.column_stack([other, one])]
-    ends = np.unique(np.concatenate(ends), axis=0)
     points = np.concatenate([np.zeros((0, 3)), *(points for points, _ in hulls)])
-    edges = np.searchsorted(ends[:, 0], np.arange(len(points) + 1))
-    return hold(HullCorners(points, first, ends[:, 1].copy(), edges))
+    faces = [f + start for (_, f), start in zip(hulls, first[:-1], strict=True)]
+    a, b, c = np.concatenate([np.zeros((0, 3), dtype=int), *faces]).T
+    ends = np.concatenate([a, b, c, b, c, a]), np.concatenate([b, c, a, a, b, c])
+    one, other = np.divmod(np.unique(ends[0] * len(points) + ends[1]), len(points) or 1)
+    edges = np.searchsorted(one, np.arange(len(points) + 1))
+    return hold(HullCorners(points, first, other, edges))
 
 
 @compiled(loops=True)

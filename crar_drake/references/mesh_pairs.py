@@ -70,11 +70,6 @@ class CarriedMesh:
         self.corners = np.array(list(itertools.product(*box.T)))
         self.centre = box.mean(axis=0)
         self.radius = float(np.linalg.norm(used - self.centre, axis=1).max())
-        tree = fcl.BVHModel()
-        tree.beginModel(len(self.vertices), len(self.faces))
-        tree.addSubModel(self.vertices, self.faces)
-        tree.endModel()
-        self._triangles = tree
         self.hull = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
         with suppress(QhullError):  # it is flat: its triangles are asked
             hull = ConvexHull(used)
@@ -82,9 +77,14 @@ class CarriedMesh:
             number[hull.vertices] = np.arange(len(hull.vertices))
             self.hull = used[hull.vertices], number[hull.simplices]
 
-    def triangles(self) -> fcl.CollisionObject:
-        """Its surface, to be placed."""
-        return fcl.CollisionObject(self._triangles)
+    @cached_property
+    def placed(self) -> tuple[fcl.CollisionObject, fcl.CollisionObject]:
+        """Its surface, to be placed as A and as B; its tree takes a while."""
+        tree = fcl.BVHModel()
+        tree.beginModel(len(self.vertices), len(self.faces))
+        tree.addSubModel(self.vertices, self.faces)
+        tree.endModel()
+        return fcl.CollisionObject(tree), fcl.CollisionObject(tree)
 
     @cached_property
     def parts(self) -> Parts:
@@ -185,7 +185,6 @@ class MeshPairs:
         self.rows = np.array(rows, dtype=int).reshape(-1, 2)
         self._nearest = fcl.DistanceRequest(enable_nearest_points=True)
         self._hulls = hull_corners([mesh.hull for mesh in self.meshes])
-        self._a, self._b = ([m.triangles() for m in self.meshes] for _ in range(2))
         built = self._touch_as_built(robot)
         as_built, self.rows = self.named(self.rows[built]), self.rows[~built]
         self.not_of = NotOf(
@@ -229,7 +228,7 @@ class MeshPairs:
 
     def _placed(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> tuple:
         """Both surfaces, B where it is in A."""
-        a, b = self._a[i], self._b[j]
+        a, b = self.meshes[i].placed[0], self.meshes[j].placed[1]
         b.setTransform(fcl.Transform(R, p))
         return a, b
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crar_drake.equations.compilation import compiled
 from crar_drake.motion.planted_feet import ContactThresholds, runs, standing
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
@@ -189,7 +190,7 @@ class Outline:
         points = [np.empty((len(p_WB), 0, 3))]
         for link, i in rows.items():
             outline = self._outlines[link]
-            p = p_WB[:, i, None] + np.einsum("tij,vj->tvi", R_WB[:, i], outline.points)
+            p = p_WB[:, i, None] + outline.points @ R_WB[:, i].swapaxes(1, 2)
             p[..., 2] -= outline.radii
             points.append(p)
         return np.concatenate(points, axis=1)
@@ -233,6 +234,7 @@ def _lowest_floor(soles: dict[str, np.ndarray]) -> float:
     return float(np.quantile(heights, _FLOOR_SHARE))
 
 
+@compiled(loops=True)
 def least_way(moves: np.ndarray, there: np.ndarray) -> np.ndarray:
     """How far the points of a flat piece move that move least, (T,) [m].
 
@@ -246,26 +248,27 @@ def least_way(moves: np.ndarray, there: np.ndarray) -> np.ndarray:
         moves: (T, V, 2) of the vertices [m].
         there: (T, V) which of them count; at least one each.
     """
-    rows = np.arange(len(moves))
-    moves = np.where(there[..., None], moves, np.inf)
-    first = np.linalg.norm(moves, axis=2).argmin(axis=1)
-    moves = np.where(there[..., None], moves, moves[rows, first][:, None])
-    x, found = moves[rows, first].copy(), np.zeros(len(moves))
-    for _ in range(_HULL_STEPS):
-        along = (moves @ x[:, :, None])[:, :, 0]
-        nearest = along.argmin(axis=1)
-        step = moves[np.arange(len(x)), nearest] - x
-        size, less = (step**2).sum(axis=1), -(x * step).sum(axis=1)
-        # No point of the hull is nearer to 0 by more than that over |x|.
-        done = less <= _HULL_ENOUGH * np.linalg.norm(x, axis=1)
-        if done.any():
-            found[rows[done]] = np.linalg.norm(x[done], axis=1)
-            rows, moves, x = rows[~done], moves[~done], x[~done]
-            step, size, less = step[~done], size[~done], less[~done]
-            if not len(rows):
+    found = np.empty(len(moves))
+    for k in range(len(moves)):
+        least, x, y = np.inf, 0.0, 0.0
+        for i in range(moves.shape[1]):
+            a, b = moves[k, i, 0], moves[k, i, 1]
+            if there[k, i] and a * a + b * b < least:
+                least, x, y = a * a + b * b, a, b
+        for _ in range(_HULL_STEPS):
+            along, p, q = np.inf, x, y
+            for i in range(moves.shape[1]):
+                a, b = moves[k, i, 0], moves[k, i, 1]
+                if there[k, i] and a * x + b * y < along:
+                    along, p, q = a * x + b * y, a, b
+            p, q = p - x, q - y
+            less = -(x * p + y * q)
+            # No point of the hull is nearer to 0 by more than that over |x|.
+            if less <= _HULL_ENOUGH * np.hypot(x, y):
                 break
-        x += np.clip(less / size, 0.0, 1.0)[:, None] * step
-    found[rows] = np.linalg.norm(x, axis=1)
+            share = min(less / (p * p + q * q), 1.0)
+            x, y = x + share * p, y + share * q
+        found[k] = np.hypot(x, y)
     return found
 
 

@@ -412,13 +412,12 @@ class _Search:
         d, parted = np.empty(len(pair)), np.empty(len(pair), dtype=bool)
         for start in range(0, len(pair), _BLOCK):
             some = slice(start, start + _BLOCK)
-            for k, X in enumerate(self._placed(pair[some], frame[some], part[some])):
-                i, j = self._rows[pair[start + k]]
-                d[start + k], parted[start + k] = self._meshes.distance(i, j, *X)
+            X = self._placed(pair[some], frame[some], part[some])
+            d[some], parted[some] = self._meshes.distances(self._rows[pair[some]], *X)
         self._num_measured += len(pair)
         return d, parted
 
-    def _placed(self, pair, frame, part) -> zip:
+    def _placed(self, pair, frame, part) -> tuple[np.ndarray, np.ndarray]:
         """R_AB and p_AB of pairs."""
         a, b = self._frames[pair].T
         if part.any():
@@ -430,7 +429,7 @@ class _Search:
             poses, at = (self._R, self._p), frame
         R_A, R_B = poses[0][at, a].swapaxes(1, 2), poses[0][at, b]
         offset = poses[1][at, b] - poses[1][at, a]
-        return zip(R_A @ R_B, (R_A @ offset[..., None])[..., 0], strict=True)
+        return R_A @ R_B, (R_A @ offset[..., None])[..., 0]
 
     def _halve(self, bounds, way_open, touch) -> np.ndarray:
         """Ways whose ends do not show enough are halved.

@@ -8,8 +8,8 @@ are apart, else of the triangles.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.equations.kinematics import link_poses
+from crar_drake.references.hull_gaps import hull_corners, hull_gaps
 from crar_drake.references.near_parts import Parts, divided
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_joint, zero_positions
@@ -52,7 +53,8 @@ class CarriedMesh:
         vertices: (N, 3) p_FV [m]; faces: (M, 3) indices of them.
         corners: (8, 3) of its bounding box along the axes of F [m].
         centre: (3,) of the box [m]; radius: of the ball about it with all vertices [m].
-        extreme: (H, 3) vertices of its convex hull [m].
+        hull: corners (H, 3) of its convex hull [m], and (G, 3) triangles of them; none
+            if it is flat.
     """
 
     def __init__(self, link: LinkMesh, frame: int, X_FB) -> None:
@@ -68,32 +70,21 @@ class CarriedMesh:
         self.corners = np.array(list(itertools.product(*box.T)))
         self.centre = box.mean(axis=0)
         self.radius = float(np.linalg.norm(used - self.centre, axis=1).max())
+        self.hull = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
+        with suppress(QhullError):  # it is flat: its triangles are asked
+            hull = ConvexHull(used)
+            number = np.empty(len(used), dtype=int)
+            number[hull.vertices] = np.arange(len(hull.vertices))
+            self.hull = used[hull.vertices], number[hull.simplices]
+
+    @cached_property
+    def placed(self) -> tuple[fcl.CollisionObject, fcl.CollisionObject]:
+        """Its surface, to be placed as A and as B; its tree takes a while."""
         tree = fcl.BVHModel()
         tree.beginModel(len(self.vertices), len(self.faces))
         tree.addSubModel(self.vertices, self.faces)
         tree.endModel()
-        self._triangles = tree
-        self.extreme, self._hull = used, None
-        try:
-            hull = ConvexHull(used)
-        except QhullError:  # it is flat: its triangles are asked
-            return
-        self.extreme = used[hull.vertices]
-        number = np.empty(len(used), dtype=int)
-        number[hull.vertices] = np.arange(len(hull.vertices))
-        faces = _outward(self.extreme, number[hull.simplices])
-        of_three = np.column_stack([np.full(len(faces), 3), faces])
-        self._hull = fcl.Convex(self.extreme, len(faces), of_three.ravel())
-
-    @property
-    def is_flat(self) -> bool:
-        """Whether it has no hull with a volume."""
-        return self._hull is None
-
-    def objects(self) -> tuple:
-        """The hull, None if it is flat, and the triangles, to be placed."""
-        hull = None if self._hull is None else fcl.CollisionObject(self._hull)
-        return hull, fcl.CollisionObject(self._triangles)
+        return fcl.CollisionObject(tree), fcl.CollisionObject(tree)
 
     @cached_property
     def parts(self) -> Parts:
@@ -193,8 +184,7 @@ class MeshPairs:
                 beyond_root.append((i, j))
         self.rows = np.array(rows, dtype=int).reshape(-1, 2)
         self._nearest = fcl.DistanceRequest(enable_nearest_points=True)
-        self._a = [mesh.objects() for mesh in self.meshes]
-        self._b = [mesh.objects() for mesh in self.meshes]
+        self._hulls = hull_corners([mesh.hull for mesh in self.meshes])
         built = self._touch_as_built(robot)
         as_built, self.rows = self.named(self.rows[built]), self.rows[~built]
         self.not_of = NotOf(
@@ -213,47 +203,34 @@ class MeshPairs:
         """The names of pairs of indices."""
         return [(self.meshes[i].name, self.meshes[j].name) for i, j in rows]
 
-    def distance(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> tuple:
-        """How far two surfaces are apart at least.
+    def distances(
+        self, pairs: np.ndarray, R: np.ndarray, p: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """How far surfaces A and B are apart at least.
 
-        Of hulls, which are never farther apart than what they hold: any direction n
-        along which one ends before the other begins shows a distance, however n was
-        found.
+        Of hulls, which are never farther apart than what they hold, where that says
+        enough.
 
         Args:
-            i, j: of the meshes, in the frames A and B.
-            R: (3, 3) R_AB.
-            p: (3,) p_AB [m].
+            pairs: (K, 2) of the meshes, in the frames A and B.
+            R, p: (K, 3, 3) R_AB, and (K, 3) p_AB [m].
 
         Returns:
-            The distance less `ROUNDING`, 0 where they touch [m]; and whether their
-            hulls are apart, so that neither is inside the other.
+            (K,) distances less `ROUNDING`, 0 where they touch [m]; and (K,) whether
+            their hulls are apart, so that neither is inside the other.
         """
-        gap, _ = self._hull_gap(i, j, R, p)
-        parted = bool(gap > ROUNDING)
-        if gap < _HULLS_ENOUGH:
-            (_, triangles_a), (_, triangles_b) = self._a[i], self._b[j]
-            triangles_b.setTransform(fcl.Transform(R, p))
-            gap = max(gap, fcl.distance(triangles_a, triangles_b))
-        return max(0.0, float(gap) - ROUNDING), parted
+        gaps, _ = hull_gaps(pairs, R, p, self._hulls)
+        parted = gaps > ROUNDING
+        for k in np.flatnonzero(gaps < _HULLS_ENOUGH):
+            a, b = self._placed(*pairs[k], R[k], p[k])
+            gaps[k] = max(gaps[k], fcl.distance(a, b))
+        return np.maximum(0.0, gaps - ROUNDING), parted
 
-    def _hull_gap(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> tuple:
-        """How far two hulls are apart at least [m], -inf if nothing says that they are;
-        and their nearest points p_AP and p_AQ [m]."""
-        (hull_a, _), (hull_b, _) = self._a[i], self._b[j]
-        if hull_a is None or hull_b is None:
-            return -np.inf, ()
-        hull_b.setTransform(fcl.Transform(R, p))
-        near = fcl.DistanceResult()
-        fcl.distance(hull_a, hull_b, self._nearest, near)
-        n = near.nearest_points[1] - near.nearest_points[0]
-        square = n @ n
-        if not square > 0.0:
-            return -np.inf, ()
-        n = n / math.sqrt(square)
-        ends = (self.meshes[i].extreme @ n).max()
-        gap = (self.meshes[j].extreme @ (n @ R)).min() + n @ p - ends
-        return gap, near.nearest_points
+    def _placed(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> tuple:
+        """Both surfaces, B where it is in A."""
+        a, b = self.meshes[i].placed[0], self.meshes[j].placed[1]
+        b.setTransform(fcl.Transform(R, p))
+        return a, b
 
     def nearest(
         self, i: int, j: int, R: np.ndarray, p: np.ndarray, enough: float = np.inf
@@ -262,23 +239,24 @@ class MeshPairs:
         p_AP and p_AQ [m]; of their hulls, where these are farther apart than enough.
 
         Args:
-            i, j, R, p: as of `distance`.
+            i, j: of the meshes, in the frames A and B.
+            R: (3, 3) R_AB.
+            p: (3,) p_AB [m].
             enough: [m].
         """
         if np.isfinite(enough):
-            gap, points = self._hull_gap(i, j, R, p)
-            if gap > enough:
-                return gap, *points
-        (_, triangles_a), (_, triangles_b) = self._a[i], self._b[j]
-        triangles_b.setTransform(fcl.Transform(R, p))
+            pair = np.array([[i, j]])
+            gaps, points = hull_gaps(pair, R[None], p[None], self._hulls)
+            if gaps[0] > enough:
+                return gaps[0], *points[0]
         near = fcl.DistanceResult()
-        d = fcl.distance(triangles_a, triangles_b, self._nearest, near)
+        d = fcl.distance(*self._placed(i, j, R, p), self._nearest, near)
         return max(0.0, d), *near.nearest_points
 
     def one_inside(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> bool:
         """Whether a piece of one is inside the other, if no triangles intersect.
 
-        Args: as of `distance`.
+        Args: as of `nearest`.
         """
         a, b = self.meshes[i], self.meshes[j]
         return a.holds(b.one_vertex_each @ R.T + p) or b.holds(
@@ -299,12 +277,15 @@ class MeshPairs:
         for name, value in robot.description.rest_posture.items():
             rest[find_joint(plant, name).position_start()] = value
         touch = np.ones(len(self.rows), dtype=bool)
+        frames = np.array([mesh.frame for mesh in self.meshes], dtype=int)
         for R, p in zip(*self.poses([rest, zero]), strict=True):
-            for row in np.flatnonzero(touch):
-                i, j = self.rows[row]
-                X = relative_poses(R, p, self.meshes[i].frame, self.meshes[j].frame)
-                apart, parted = self.distance(i, j, *X)
-                touch[row] = not apart or (not parted and self.one_inside(i, j, *X))
+            some = np.flatnonzero(touch)
+            rows = self.rows[some]
+            X = relative_poses(R, p, *frames[rows].T)
+            apart, parted = self.distances(rows, *X)
+            touch[some] = apart == 0.0
+            for k in np.flatnonzero((apart > 0.0) & ~parted):
+                touch[some[k]] = self.one_inside(*rows[k], X[0][k], X[1][k])
         return touch
 
     def poses(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -329,10 +310,3 @@ def relative_poses(R: np.ndarray, p: np.ndarray, a, b) -> tuple:
     R_AW = R[..., a, :, :].swapaxes(-1, -2)
     offset = p[..., b, :] - p[..., a, :]
     return R_AW @ R[..., b, :, :], (R_AW @ offset[..., None])[..., 0]
-
-
-def _outward(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """The faces of a hull, counterclockwise seen from outside."""
-    a, b, c = np.moveaxis(points[faces], 1, 0)
-    outward = np.sum(np.cross(b - a, c - a) * (a - points.mean(axis=0)), axis=1) > 0.0
-    return np.where(outward[:, None], faces, faces[:, ::-1])

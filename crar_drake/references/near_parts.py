@@ -126,6 +126,67 @@ def are_near(
 
 
 @compiled(loops=True)
+def near_box(
+    balls: np.ndarray,
+    placed: np.ndarray,
+    others: np.ndarray,
+    R: np.ndarray,
+    p: np.ndarray,
+    nearer: float,
+    h: float,
+) -> np.ndarray:
+    """Which of some balls can be as near to any of others on a way as h and both radii:
+    these are within a box.
+
+    Args:
+        balls, placed: (B, 4), and by `place_balls`.
+        others: (C, 4), in a frame with R (2, 3, 3) and p (2, 3).
+        nearer: as of `are_near`.
+        h: [m].
+    """
+    low, high, radius = np.empty(3), np.empty(3), others[:, 3].max() + h + _ROUNDED
+    for x in range(3):
+        low[x], high[x] = others[:, x].min(), others[:, x].max()
+    found, count = np.empty(len(balls), np.int64), 0
+    for i in range(len(balls)):
+        ways = 0.0
+        for k in range(2):
+            square = 0.0
+            for x in range(3):
+                at = 0.0
+                for y in range(3):
+                    at += R[k, y, x] * (placed[k, i, y] - p[k, y])
+                square += max(low[x] - at, at - high[x], 0.0) ** 2
+            ways += np.sqrt(square)
+        if ways < 2.0 * (balls[i, 3] + radius) + nearer:
+            found[count] = i
+            count += 1
+    return found[:count]
+
+
+@compiled(loops=True)
+def near_ball(
+    balls: np.ndarray,
+    placed: np.ndarray,
+    first: int,
+    last: int,
+    other: np.ndarray,
+    j: int,
+    radius: float,
+    nearer: float,
+    found: np.ndarray,
+) -> int:
+    """How many of the balls first to last - 1 can be near the j-th other, and which, in
+    `found`; arguments else as of `are_near`, with that ball's radius."""
+    count = 0
+    for i in range(first, last):
+        if are_near(placed, i, balls[i, 3] + radius, other, j, nearer):
+            found[count] = i
+            count += 1
+    return count
+
+
+@compiled(loops=True)
 def swept_by(
     balls: np.ndarray,
     near: np.ndarray,
@@ -206,38 +267,54 @@ def near_approach(
     found = np.zeros((len(steps), 2))
     every_a = np.ones(len(a.groups), dtype=np.bool_)
     every_b = np.ones(len(b.groups), dtype=np.bool_)
+    of_a = np.empty(np.diff(a.first).max(), np.int64)
+    of_b = np.empty(np.diff(b.first).max(), np.int64)
     for k in range(len(steps)):
         R_A, p_A = R[k : k + 2, frames[0]], p[k : k + 2, frames[0]]
         R_B, p_B = R[k : k + 2, frames[1]], p[k : k + 2, frames[1]]
         groups_a = place_balls(a.groups, every_a, R_A, p_A)
         groups_b = place_balls(b.groups, every_b, R_B, p_B)
-        pairs = np.zeros((len(a.groups), len(b.groups)), dtype=np.bool_)
-        some_a = np.zeros(len(a.parts), dtype=np.bool_)
-        some_b = np.zeros(len(b.parts), dtype=np.bool_)
-        for i in range(len(a.groups)):
-            for j in range(len(b.groups)):
+        some_a = near_box(a.groups, groups_a, b.groups, R_B, p_B, nearer[k], h)
+        some_b = near_box(b.groups, groups_b, a.groups, R_A, p_A, nearer[k], h)
+        pairs, count = np.empty((len(some_a) * len(some_b), 2), np.int64), 0
+        in_a = np.zeros(len(a.parts), dtype=np.bool_)
+        in_b = np.zeros(len(b.parts), dtype=np.bool_)
+        for i in some_a:
+            for j in some_b:
                 radius = a.groups[i, 3] + b.groups[j, 3] + h
                 if are_near(groups_a, i, radius, groups_b, j, nearer[k]):
-                    pairs[i, j] = True
-                    some_a[a.first[i] : a.first[i + 1]] = True
-                    some_b[b.first[j] : b.first[j + 1]] = True
-        if not some_a.any():
+                    pairs[count, 0], pairs[count, 1] = i, j
+                    count += 1
+                    in_a[a.first[i] : a.first[i + 1]] = True
+                    in_b[b.first[j] : b.first[j + 1]] = True
+        if not count:
             continue
-        parts_a = place_balls(a.parts, some_a, R_A, p_A)
-        parts_b = place_balls(b.parts, some_b, R_B, p_B)
+        parts_a = place_balls(a.parts, in_a, R_A, p_A)
+        parts_b = place_balls(b.parts, in_b, R_B, p_B)
         near_a = np.zeros(len(a.parts), dtype=np.bool_)
         near_b = np.zeros(len(b.parts), dtype=np.bool_)
-        for group in range(len(a.groups)):
-            for other in range(len(b.groups)):
-                if not pairs[group, other]:
-                    continue
-                for i in range(a.first[group], a.first[group + 1]):
-                    for j in range(b.first[other], b.first[other + 1]):
-                        radius = a.parts[i, 3] + b.parts[j, 3] + h
-                        if not (near_a[i] and near_b[j]) and are_near(
-                            parts_a, i, radius, parts_b, j, nearer[k]
-                        ):
-                            near_a[i] = near_b[j] = True
+        for n in range(count):
+            group, other = pairs[n]
+            # What is near a part is near the ball about the group that it is in.
+            radius = b.groups[other, 3] + h
+            first, last = a.first[group], a.first[group + 1]
+            num_a = near_ball(
+                *(a.parts, parts_a, first, last, groups_b, other, radius, nearer[k]),
+                of_a,
+            )
+            radius = a.groups[group, 3] + h
+            first, last = b.first[other], b.first[other + 1]
+            num_b = near_ball(
+                *(b.parts, parts_b, first, last, groups_a, group, radius, nearer[k]),
+                of_b,
+            )
+            for i in of_a[:num_a]:
+                for j in of_b[:num_b]:
+                    radius = a.parts[i, 3] + b.parts[j, 3] + h
+                    if not (near_a[i] and near_b[j]) and are_near(
+                        parts_a, i, radius, parts_b, j, nearer[k]
+                    ):
+                        near_a[i] = near_b[j] = True
         at, x = slice(k, k + 2), steps[k]
         found[k, 0] = swept_by(
             a.parts, near_a, parts_a, joints_a, origins[at], axes[at], slides, x

@@ -237,9 +237,9 @@ class PairTable:
         q = self._rest.copy()
         q[self._columns] = box["centre"]
         R, p = self._meshes.poses(q[None])
-        X = relative_poses(R[0], p[0], *self._frames)
-        d, _ = self._meshes.distance(self._i, self._j, *X)
-        loss = box["loss"]
+        X = relative_poses(R, p, *self._frames)
+        found, _ = self._meshes.distances(np.array([[self._i, self._j]]), *X)
+        d, loss = found[0], box["loss"]
         low, high = d - loss, d + loss
         if d < self._near:
             if loss < _LESS * box["found_at"]:

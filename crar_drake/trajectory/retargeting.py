@@ -444,9 +444,8 @@ class Retargeter:
 
         best = None
         for i, column in enumerate(model.controlled_positions):
-            low, high = model.lower[i], model.upper[i]
-            if not (np.isfinite(low) and np.isfinite(high)):
-                continue
+            # A joint without limits may be a hinge, too.
+            low, high = np.clip([model.lower[i], model.upper[i]], -np.pi, np.pi)
             values = np.linspace(low, high, 61)
             angles, middles, ends = [], [], []
             for value in values:

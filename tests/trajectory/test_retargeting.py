@@ -214,6 +214,25 @@ def test_however_their_axes_point(tmp_path):
         assert lower == -2.5 and 0.0 < upper < 0.1
 
 
+def test_hinges_without_limits(tmp_path):
+    """As URDF has them that call every joint continuous."""
+    walker(tmp_path)
+    text, count = re.subn(
+        r'(<joint name="\w+_(?:fore_arm|shank)_j" type=")revolute(".*?<limit )'
+        r'lower="[^"]*" upper="[^"]*"',
+        r"\1continuous\2",
+        (tmp_path / "walker.urdf").read_text(),
+    )
+    assert count == 4
+    (tmp_path / "walker.urdf").write_text(text)
+    robot = Retargeter(load_robot_description(tmp_path))
+    for side in ("left", "right"):
+        lower, upper = limits(robot, f"{side}_fore_arm_j")
+        assert lower == -np.inf and 0.0 <= upper < 0.2
+        lower, upper = limits(robot, f"{side}_shank_j")
+        assert -0.2 < lower <= 0.0 and upper == np.inf
+
+
 def test_a_leg_is_measured_as_it_is_built(robot):
     for leg in robot.legs.values():
         assert leg.thigh == pytest.approx(0.35) and leg.shank == pytest.approx(0.33)

@@ -212,6 +212,14 @@ class Retargeter:
         targets = performer_targets(
             performer, self.legs, self.soles, self._base[1], rate, p.cutoff
         )
+        # Not every robot has a head.
+        own = set(self.description.task_frames)
+        directions = {
+            limb: way
+            for limb, way in targets.directions.items()
+            if own.issuperset(LIMBS[limb][1])
+        }
+        targets = replace(targets, directions=directions)
         frames, n = len(targets.root_positions), self.model.n
         y = np.zeros((frames, ROOT + n))
         rest = self.rest[self.model.controlled_positions]

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from short_motions import short_amc
 from small_walker import HEIGHT, leg_points, walker
 
 from crar_drake.errors import ModelError
@@ -240,6 +241,19 @@ def test_a_leg_is_measured_as_it_is_built(robot):
         assert leg.ball[0] == pytest.approx(0.12, abs=0.01)
         assert leg.heel[2] == leg.ball[2] == pytest.approx(-0.06, abs=0.01)
     assert HEIGHT == pytest.approx(0.35 + 0.33 + 0.06 + 0.05)
+
+
+def test_a_robot_without_a_head_follows_all_the_same(tmp_path):
+    walker(tmp_path)
+    text = (tmp_path / "robot.yaml").read_text()
+    assert "head: head, " in text or ", head: head" in text
+    text = text.replace(", head: head", "").replace("head: head, ", "")
+    (tmp_path / "robot.yaml").write_text(text)
+    robot = Retargeter(load_robot_description(tmp_path))
+    performer = load_performer(short_amc(tmp_path / "motion", "short"))
+    found = robot.retarget(performer, RATE)
+    assert "trunk" in found.targets.directions
+    assert "head" not in found.targets.directions
 
 
 def test_a_robot_that_lacks_a_frame_is_told_which(tmp_path):

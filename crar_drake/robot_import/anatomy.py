@@ -232,12 +232,17 @@ def chain_ends(robot: SourceRobot) -> list[str]:
             found += [joint] if joint.moves else moving_below(joint.child)
         return found
 
-    followed = {joint.mimic for joint in robot.joints.values() if joint.mimic}
+    followers: dict[str, list[Joint]] = {}
+    for joint in robot.joints.values():
+        if joint.mimic:
+            followers.setdefault(joint.mimic, []).append(joint)
 
     def is_finger(joint: Joint) -> bool:
         words = ("finger", "thumb")
-        # What moves a gripper's other parts is followed by them, and carries no chain.
-        leads = joint.name in followed and _depth(robot, joint.child) < 2
+        # What moves a gripper's other parts is followed by them; none carries a chain,
+        # as what a motor's gear drives in the midst of an arm.
+        group = [joint, *followers.get(joint.name, ())]
+        leads = len(group) > 1 and all(_depth(robot, j.child) < 2 for j in group)
         name = joint.name.lower()
         grips = any(word in name for word in _GRIPS)
         turns = any(word in name for word in _TURNS)

@@ -7,7 +7,7 @@ import pytest
 from small_urdfs import humanoid_with_legs, joint, link, robot, write
 
 from crar_drake.errors import ModelError
-from crar_drake.robot_import.alarms import limb_alarms
+from crar_drake.robot_import.alarms import coupling_alarms, limb_alarms
 from crar_drake.robot_import.anatomy import find_anatomy, find_leg_chains, guess_rest
 from crar_drake.robot_import.facing import guess_facing, guess_up, turned
 from crar_drake.robot_import.joint_groups import guess_locked, joint_groups
@@ -264,6 +264,24 @@ def test_a_gripper_is_no_joint_of_the_arm(tmp_path):
         read = read_urdf(write(tmp_path, robot([*parts, *extra])))
         assert guess_tool(read)["tool"].link == ("l4" if gripper else name)
         assert (f"{name}_j" in guess_locked(read, None)) == gripper
+
+
+def test_a_gear_in_the_midst_of_an_arm_does_not_end_it(tmp_path):
+    """As of a motor whose own gear is a link, which the upper arm's follows."""
+    parts = arm_pair(USUAL)
+    for side, _ in SIDES:
+        (index,) = [k for k, p in enumerate(parts) if f'"{side}_2_j"' in p]
+        follows = f'<mimic joint="{side}_gear_j"/></joint>'
+        parts[index] = parts[index].replace("</joint>", follows)
+        parts += [
+            link(f"{side}_gear"),
+            joint(f"{side}_gear_j", f"{side}_1", f"{side}_gear"),
+        ]
+    read, anatomy = _with_anatomy(tmp_path, robot(parts))
+    assert anatomy.left.hand == "left_5" and len(anatomy.right.joints) == 6
+    locked = guess_locked(read, anatomy)
+    assert {"left_gear_j", "left_2_j"} <= locked.keys()
+    assert any("left_gear_j" in x for x in coupling_alarms(read, anatomy, locked))
 
 
 def test_a_telescope_is_a_part_of_its_arm(tmp_path):

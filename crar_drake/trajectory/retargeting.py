@@ -167,7 +167,8 @@ class Retargeter:
                 "import.yaml)"
             )
         fixed = replace(description, root="fixed")
-        bare = replace(fixed, pairs=[])
+        # A link may be called like another one's point.
+        bare = replace(fixed, pairs=[], task_frames={})
         some = [Task(frame=frames["waist"])]
         self.model = ControlModel.FromDescription(fixed, some)
         plant = self.model.plant

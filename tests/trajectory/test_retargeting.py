@@ -256,6 +256,24 @@ def test_a_robot_without_a_head_follows_all_the_same(tmp_path):
     assert "head" not in found.targets.directions
 
 
+def test_a_link_that_is_called_like_another_ones_point(tmp_path, robot):
+    """As a thigh is that is called after the joint at its end."""
+    with_hands(tmp_path)
+    for file in ("walker.urdf", "robot.yaml"):
+        text = (tmp_path / file).read_text()
+        for side in ("left", "right"):
+            thigh = f"{side}_thigh(?!_)"
+            text = re.sub(thigh, f"{side}_knee", text)
+        (tmp_path / file).write_text(text)
+    named = Retargeter(load_robot_description(tmp_path))
+    assert "left_knee" in named._links
+    y = unknowns(robot, 3)
+    root = np.tile(robot._base[0], (3, 1)), np.tile(robot._base[1], (3, 1, 1))
+    ends = [("left_hip", "left_knee"), ("right_knee", "right_foot")]
+    expected, found = (each.ways(*root, y[:, ROOT:], ends) for each in (robot, named))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
 def test_a_robot_that_lacks_a_frame_is_told_which(tmp_path):
     walker(tmp_path)
     text = (tmp_path / "robot.yaml").read_text()

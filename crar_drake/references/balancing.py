@@ -100,7 +100,8 @@ class Balancer:
         base = find_body(plant, description.base)
         self._links = list(links_outward(plant, base.body_frame()))
         self._poses = ControlModel.FromDescription(
-            replace(description, root="fixed", pairs=[]),
+            # A link may be called like another one's point.
+            replace(description, root="fixed", pairs=[], task_frames={}),
             [Task(frame=link, kind="pose") for link in self._links],
         )
         self._masses = point_masses(plant, self._links)

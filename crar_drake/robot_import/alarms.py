@@ -4,7 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from crar_drake.robot_import.anatomy import Anatomy
+from crar_drake.robot_import.anatomy import (
+    Anatomy,
+    find_leg_chains,
+    joint_axis,
+)
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.inertias import own_mass
 from crar_drake.robot_import.meshes import Part, lowest_points
@@ -22,6 +26,8 @@ _LIMBS = (
 _MOST_TURNED = 20.0
 _SHORTEST = 0.01  # [m] of a limb
 _APART = 0.02  # [m] that left and right may differ by
+_PARALLEL = 0.95  # cosine between a left axis' mirror image and the right one
+_ALIKE = 0.5  # of the shorter range of two such joints, that they have in common
 _BELOW = 0.01  # [m] that a foot may be below the floor
 _TOUCH = 0.01  # [m] between points on two surfaces that touch
 NEIGHBOURS = 2  # joints apart, at most
@@ -97,6 +103,43 @@ def number_alarms(robot: SourceRobot, locked: Mapping[str, float]) -> list[str]:
             f"masses: negative of {', '.join(negative)}: taken for none; correct the "
             "file"
         )
+    return found
+
+
+def mirrored_range_alarms(
+    robot: SourceRobot, anatomy: Anatomy | None, locked: Mapping[str, float]
+) -> list[str]:
+    """Joints of a left limb whose range is not that of the right one's mirror image:
+    one of the two bends to the wrong side, by a sign of its axis or of its limits.
+
+    Args:
+        robot: in a frame whose x axis is its front.
+        anatomy: its arms; None if there are none.
+        locked: joints that do not move, whose ranges do not matter.
+    """
+    pairs = [] if anatomy is None else [(anatomy.left, anatomy.right)]
+    pairs += [legs] if (legs := find_leg_chains(robot, anatomy)) else []
+    twins = [twin for a, b in pairs for twin in zip(a.joints, b.joints, strict=True)]
+    X, found = robot.poses(), []
+    for left, right in twins:
+        p_left, p_right = (X[j.child].translation() for j in (left, right))
+        apart = np.abs(p_left * [1, -1, 1] - p_right).max()
+        still = left.name in locked or right.name in locked
+        if still or "prismatic" in (left.kind, right.kind) or apart > _APART:
+            continue
+        # The mirror image of a turn about an axis is one about the axis' image, back.
+        sense = float(joint_axis(X, right) @ (joint_axis(X, left) * [-1, 1, -1]))
+        if abs(sense) < _PARALLEL:
+            continue
+        lower, upper = sorted(np.sign(sense) * np.array([left.lower, left.upper]))
+        common = min(upper, right.upper) - max(lower, right.lower)
+        if common < _ALIKE * min(upper - lower, right.upper - right.lower):
+            found.append(
+                f"limits: {left.name} ({left.lower:g} to {left.upper:g}) and "
+                f"{right.name} ({right.lower:g} to {right.upper:g} rad) do not mirror "
+                "each other, so that one of them turns to the wrong side: correct an "
+                "axis or limits in the file"
+            )
     return found
 
 

@@ -20,6 +20,7 @@ _LEG_WORDS = ("leg", "hip", "knee", "ankle", "foot", "thigh", "calf", "shank")
 _ARM_WORDS = ("arm", "shoulder", "elbow", "wrist", "hand")
 AWAY = 0.25  # [rad] of an arm from the trunk, at rest
 _BENT = 0.6  # [rad] of an elbow, at rest
+_EVEN = 0.05  # by which an elbow's ranges both ways differ that are as large
 MIRROR_TOLERANCE = 0.03  # [m]
 _SAME = 2e-3  # [m] between a link's origin and that of its twin's image
 _MIRROR, _HALF_TURN = (1, -1, 1), (-1, -1, 1)
@@ -231,12 +232,17 @@ def chain_ends(robot: SourceRobot) -> list[str]:
             found += [joint] if joint.moves else moving_below(joint.child)
         return found
 
-    followed = {joint.mimic for joint in robot.joints.values() if joint.mimic}
+    followers: dict[str, list[Joint]] = {}
+    for joint in robot.joints.values():
+        if joint.mimic:
+            followers.setdefault(joint.mimic, []).append(joint)
 
     def is_finger(joint: Joint) -> bool:
         words = ("finger", "thumb")
-        # What moves a gripper's other parts is followed by them, and carries no chain.
-        leads = joint.name in followed and _depth(robot, joint.child) < 2
+        # What moves a gripper's other parts is followed by them; none carries a chain,
+        # as what a motor's gear drives in the midst of an arm.
+        group = [joint, *followers.get(joint.name, ())]
+        leads = len(group) > 1 and all(_depth(robot, j.child) < 2 for j in group)
         name = joint.name.lower()
         grips = any(word in name for word in _GRIPS)
         turns = any(word in name for word in _TURNS)
@@ -341,10 +347,21 @@ def guess_rest(
     anatomy: Anatomy | None,
     locked: dict[str, float],
     away: float = AWAY,
+    frames: Mapping[str, FrameChoice] | None = None,
 ) -> dict[str, float]:
     """Arms a little `away` [rad] from the trunk and elbows bent: clear of limits, of
     the trunk, and of the singular pose of a straight arm. A robot without a pair of
     arms has its joints as the file's own posture, else in the middle of their ranges.
+
+    An elbow bends to where its range is larger; if that is as large both ways, as a
+    person's: the wrist goes ahead or, if it does not, up.
+
+    Args:
+        robot: in a frame whose x axis is its front.
+        anatomy: its arms.
+        locked: joint to the position at which it is welded [rad or m].
+        away: see above.
+        frames: the motion's points, which say where wrists are; else hands are there.
     """
     rest = {}
     for joint in robot.joints.values():
@@ -363,7 +380,8 @@ def guess_rest(
     X_zero = robot.poses()
     arms = () if anatomy is None else (anatomy.left, anatomy.right)
     posture = {**locked, **rest}
-    for arm, outwards in zip(arms, (1.0, -1.0), strict=False):
+    sides = zip(arms, ("left", "right"), (1.0, -1.0), strict=False)
+    for arm, side, outwards in sides:
         elbow = elbow_index(X_zero, arm)
         moved = {}
         for joint in (j for j in arm.joints[:elbow] if j.name in rest):
@@ -379,10 +397,27 @@ def guess_rest(
         bend = arm.joints[elbow]
         if bend.name not in rest:
             continue
-        forward = bend.upper > -bend.lower
-        there = rest[bend.name] + (_BENT if forward else -_BENT)
-        rest[bend.name] = float(np.clip(there, bend.lower, bend.upper))
+        wrist = (frames or {}).get(f"{side}_wrist", FrameChoice(arm.hand))
+        rest[bend.name] = _bent_elbow(robot, {**locked, **rest}, bend, wrist)
     return {name: round(value, 4) for name, value in rest.items() if value}
+
+
+def _bent_elbow(
+    robot: SourceRobot, posture: dict[str, float], elbow: Joint, wrist: FrameChoice
+) -> float:
+    """Where an elbow is bent [rad], see `guess_rest`."""
+    here = posture[elbow.name]
+    fewer, more = np.clip([here - _BENT, here + _BENT], elbow.lower, elbow.upper)
+    if not np.isclose(elbow.upper, -elbow.lower, rtol=_EVEN):
+        return float(more if elbow.upper > -elbow.lower else fewer)
+    places = [
+        robot.poses({**posture, elbow.name: angle})[wrist.link].multiply(
+            np.array(wrist.point, dtype=float)
+        )
+        for angle in (fewer, more)
+    ]
+    x, _, z = places[1] - places[0]
+    return float(more if (x if abs(x) > abs(z) else z) > 0.0 else fewer)
 
 
 def elbow_index(X: Mapping[str, RigidTransform], arm: Arm) -> int:

@@ -19,6 +19,7 @@ from crar_drake.robot.description import (
 from crar_drake.robot_import.alarms import (
     floor_alarms,
     limb_alarms,
+    mirrored_range_alarms,
     number_alarms,
     pair_alarms,
 )
@@ -273,6 +274,7 @@ def _make(
     report.notes += turned_hands(robot, choices.frames)
     report.warnings += number_alarms(robot, locked)
     anatomy = find_anatomy(robot)
+    report.warnings += mirrored_range_alarms(robot, anatomy, locked)
     if anatomy is not None:
         height = choices.rest_posture.get("waist_z", 0.0)
         posture = {**rest_posture, **locked}

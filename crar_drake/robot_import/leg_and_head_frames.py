@@ -36,8 +36,8 @@ def guess_leg_and_head_frames(
     Knee: origin of the joint with a lateral axis that divides the leg most evenly.
     Hip: where the axes of the two joints before the knee come nearest.
     Foot: origin of the last joint, the ankle.
-    Head: middle of what one link has above the shoulders; the link is neither an arm's
-    nor the trunk, and called head or else the largest.
+    Head: middle of what one link has above the shoulders, on both sides of the middle;
+    the link is neither an arm's nor the trunk, and called head or else the largest.
 
     Args:
         robot: in a frame whose x axis is its front.
@@ -193,7 +193,9 @@ def _inside(joint: Joint, position: float) -> float:
 def _head(robot: SourceRobot, anatomy: Anatomy, parts) -> FrameChoice | None:
     X = robot.poses()
     arms = (anatomy.left, anatomy.right)
-    shoulders = np.mean([X[arm.joints[0].child].translation()[2] for arm in arms])
+    _, middle, shoulders = np.mean(
+        [X[arm.joints[0].child].translation() for arm in arms], axis=0
+    )
     # Neither the arms nor what carries them.
     apart = {link for arm in arms for link in robot.below(arm.joints[0].child)}
     apart |= {joint.parent for arm in arms for joint in robot.path_to(arm.hand)}
@@ -203,10 +205,10 @@ def _head(robot: SourceRobot, anatomy: Anatomy, parts) -> FrameChoice | None:
             continue
         p = np.concatenate([X[link].multiply(v.vertices.T).T for v in parts[link]])
         above = p[p[:, 2] > shoulders + _ABOVE]
-        if len(above):
+        if len(above) and above[:, 1].min() < middle < above[:, 1].max():
             size = float(np.prod(np.ptp(above, axis=0)))
-            middle = (above.min(axis=0) + above.max(axis=0)) / 2.0
-            found["head" in link.lower(), size] = (link, middle)
+            centre = (above.min(axis=0) + above.max(axis=0)) / 2.0
+            found["head" in link.lower(), size] = (link, centre)
     if not found:
         return None
     return frame_at(X, *found[max(found)])

@@ -19,10 +19,14 @@ class MeshFinder:
         around += [path / "share" for path in around]
         self._roots = [*map(Path, package_paths), *around]
         self._missing: list[str] = []
+        self._other_capitals: list[str] = []
         self._packages: set[str] = set()
 
     def find(self, address: str, where: str, *, folder: bool = False) -> Path:
         """The file of an address; what is not there is told by `check`.
+
+        Of a name that is there with other capitals alone, that file: file systems that
+        such names come from do not tell them apart.
 
         Args:
             address: relative, or package://, model:// or file://.
@@ -40,11 +44,19 @@ class MeshFinder:
         else:
             path = self._file.parent / rest
         if not (path.is_file() or (folder and path.is_dir())):
-            self._missing.append(f"{address} ({where}{_in_other_case(path)})")
+            likely = _with_other_capitals(path)
+            if len(likely) == 1:
+                self._other_capitals.append(likely[0].name)
+                return likely[0]
+            names = "".join(f"; there is {each.name}" for each in likely)
+            self._missing.append(f"{address} ({where}{names})")
         return path
 
-    def check(self) -> None:
+    def check(self) -> list[str]:
         """Tells all that was asked for and is not there.
+
+        Returns:
+            a note, if there is one, of files whose names have other capitals.
 
         Raises:
             ModelError: there is such; it names the addresses and what to do.
@@ -62,6 +74,12 @@ class MeshFinder:
                 f"{self._file}: files are missing: {shown}"
                 f"{f'; and {more} more' if more > 0 else ''}"
             )
+        if not self._other_capitals:
+            return []
+        names = ", ".join(dict.fromkeys(self._other_capitals))
+        return [
+            f"files whose names have other capitals than {self._file.name}: {names}"
+        ]
 
     def _package(self, name: str) -> Path | None:
         for root in self._roots:
@@ -75,13 +93,14 @@ class MeshFinder:
         return None
 
 
-def _in_other_case(path: Path) -> str:
-    """Of a file whose name is there in capitals alone, or without: that name."""
+def _with_other_capitals(path: Path) -> list[Path]:
+    """Files beside it whose names differ by capitals alone."""
     beside = path.parent.iterdir() if path.parent.is_dir() else ()
-    for each in beside:
-        if each.is_file() and each.name.lower() == path.name.lower():
-            return f"; its name is {each.name}"
-    return ""
+    return sorted(
+        each
+        for each in beside
+        if each.is_file() and each.name.lower() == path.name.lower()
+    )
 
 
 def _is_package(folder: Path, name: str) -> bool:

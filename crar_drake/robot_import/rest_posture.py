@@ -39,7 +39,7 @@ def guess_rest_posture(robot, locked, parts, capsules, choices, report) -> None:
     anatomy = find_anatomy(robot)
     own = bool(choices.srdf and robot.posture)
     if anatomy and not own:
-        rest, knees = _clear_rest(robot, anatomy, locked, capsules)
+        rest, knees = _clear_rest(robot, anatomy, locked, capsules, choices.frames)
         also = " and knees" if knees else ""
         how = f"arms a little out, elbows{also} bent, standing on the ground"
     else:
@@ -59,7 +59,7 @@ def guess_rest_posture(robot, locked, parts, capsules, choices, report) -> None:
 
 
 def _clear_rest(
-    robot, anatomy: Anatomy, locked, capsules
+    robot, anatomy: Anatomy, locked, capsules, frames
 ) -> tuple[dict[str, float], bool]:
     """The first of some rest postures, arms ever farther out and legs farther apart, in
     which the fewest capsules touch that no hip or shoulder joins; and if knees bend."""
@@ -71,7 +71,7 @@ def _clear_rest(
     ]
     found = []
     for away, spread in itertools.product(_AWAY, _SPREAD):
-        arms = guess_rest(robot, anatomy, locked, away)
+        arms = guess_rest(robot, anatomy, locked, away, frames)
         legs = bent_knees(robot, anatomy, locked, spread)
         rest = arms | legs
         distances = gaps(capsules, pairs, robot.poses({**locked, **rest}))

@@ -38,6 +38,7 @@ class SdfCopies:
 
     Attributes:
         mimics: joint to the joint that it follows, multiplier and offset [rad or m].
+        notes: what is to be said of the files.
     """
 
     def __init__(self, folder: Path, package_paths: Sequence[Path]) -> None:
@@ -46,6 +47,7 @@ class SdfCopies:
         self._copies: dict[Path, Path] = {}
         self._open: set[Path] = set()  # whose copies are being made
         self.mimics: dict[str, tuple[str, float, float]] = {}
+        self.notes: list[str] = []
 
     def of(self, path: Path) -> Path:
         """The copy of a file.
@@ -76,7 +78,7 @@ class SdfCopies:
                 files.find(address, line, folder=True)
             ),
         )
-        files.check()
+        self.notes += files.check()
         copy.parent.mkdir()
         copy.write_text(_COLLISION_ELEMENT.sub(_as_visual, text), encoding="utf-8")
         self._open.discard(path)

@@ -8,6 +8,7 @@ A body becomes a link with the body's frame. A joint that is not the only one of
 body, or is beside the body's origin, gets a link without geometry of its own.
 """
 
+import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
@@ -62,9 +63,22 @@ def read_mjcf(path: Path) -> SourceRobot:
             spec.compiler.fusestatic = False
             model = spec.compile()
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
-        raise ModelError(f"{path}: MuJoCo cannot read it: {_line(error)}") from error
+        raise ModelError(
+            f"{path}: MuJoCo cannot read it: {_line(error)}{_scenes(path)}"
+        ) from error
     notes = [f"MuJoCo says: {_line(warning.message)}" for warning in caught]
     return _Reader(path, spec.modelname, model, notes).robot()
+
+
+def _scenes(path: Path) -> str:
+    """Of a file that others beside it include, that these may have what it lacks."""
+    include = re.compile(rf"""<include\s+file\s*=\s*["']{re.escape(path.name)}["']""")
+    scenes = sorted(
+        other.name
+        for other in path.parent.glob("*.xml")
+        if include.search(other.read_text(errors="replace"))
+    )
+    return f"; what it lacks may be in {' or '.join(scenes)}" if scenes else ""
 
 
 def _line(said: object) -> str:

@@ -68,7 +68,8 @@ def read_sdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
             place = "" if str(path) in said else f"{path}: "
             raise ModelError(f"{place}{said}") from error
         inspector = scene_graph.model_inspector()
-        return _Reader(path, plant, inspector, copies.mimics).robot()
+        robot = _Reader(path, plant, inspector, copies.mimics).robot()
+        return replace(robot, notes=(*copies.notes, *robot.notes))
 
 
 class _Reader:

@@ -74,7 +74,7 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         if link.name in links:
             raise ModelError(f"{path}: two links are named {link.name!r}")
         links[link.name] = link
-    meshes.check()
+    notes += meshes.check()
     joints = {}
     for element in root.findall("joint"):
         with _naming(path, "joint", element):

@@ -70,14 +70,14 @@ def guess_frames(
         at = arm.joints[1].parent
         frames[f"{side}_shoulder"] = frame_at(X, at, shoulders[side])
         frames[f"{side}_elbow"] = frame_at(X, elbow.child, p_elbows[side])
+        at_wrist = at_hand = FrameChoice(arm.hand)
         if wrist is not None:
             p_wrist = p_wrists.get(side, X[wrist.child].translation())
-            frames[f"{side}_wrist"] = frame_at(X, wrist.parent, p_wrist)
+            at_wrist = frame_at(X, wrist.parent, p_wrist)
         elif (tip := _forearm_tip(X, arm, elbows[side], parts)) is not None:
-            frames[f"{side}_wrist"] = frame_at(X, arm.hand, tip)
-        else:
-            frames[f"{side}_wrist"] = FrameChoice(arm.hand)
-        frames[f"{side}_hand"] = FrameChoice(arm.hand)
+            # A forearm without a hand has its own at the wrist, too, not at the elbow.
+            at_wrist = at_hand = frame_at(X, arm.hand, tip)
+        frames[f"{side}_wrist"], frames[f"{side}_hand"] = at_wrist, at_hand
     p_neck = np.mean(list(shoulders.values()), axis=0)
     frames["neck"] = frame_at(X, anatomy.left.trunk, p_neck)
     p_waist = _waist_above_wheels(robot, anatomy, p_neck, parts)

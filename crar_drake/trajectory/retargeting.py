@@ -167,7 +167,8 @@ class Retargeter:
                 "import.yaml)"
             )
         fixed = replace(description, root="fixed")
-        bare = replace(fixed, pairs=[])
+        # A link may be called like another one's point.
+        bare = replace(fixed, pairs=[], task_frames={})
         some = [Task(frame=frames["waist"])]
         self.model = ControlModel.FromDescription(fixed, some)
         plant = self.model.plant
@@ -212,6 +213,14 @@ class Retargeter:
         targets = performer_targets(
             performer, self.legs, self.soles, self._base[1], rate, p.cutoff
         )
+        # Not every robot has a head.
+        own = set(self.description.task_frames)
+        directions = {
+            limb: way
+            for limb, way in targets.directions.items()
+            if own.issuperset(LIMBS[limb][1])
+        }
+        targets = replace(targets, directions=directions)
         frames, n = len(targets.root_positions), self.model.n
         y = np.zeros((frames, ROOT + n))
         rest = self.rest[self.model.controlled_positions]
@@ -444,9 +453,8 @@ class Retargeter:
 
         best = None
         for i, column in enumerate(model.controlled_positions):
-            low, high = model.lower[i], model.upper[i]
-            if not (np.isfinite(low) and np.isfinite(high)):
-                continue
+            # A joint without limits may be a hinge, too.
+            low, high = np.clip([model.lower[i], model.upper[i]], -np.pi, np.pi)
             values = np.linspace(low, high, 61)
             angles, middles, ends = [], [], []
             for value in values:

@@ -1,10 +1,15 @@
 """What leaves a robot unprotected, or looks wrong, is said aloud."""
 
 import pytest
-from small_urdfs import humanoid, joint, link, robot, write
+from small_urdfs import humanoid, humanoid_with_legs, joint, link, robot, write
 
 from crar_drake.robot_import import import_robot
-from crar_drake.robot_import.alarms import floor_alarms, limb_alarms, pair_alarms
+from crar_drake.robot_import.alarms import (
+    floor_alarms,
+    limb_alarms,
+    mirrored_range_alarms,
+    pair_alarms,
+)
 from crar_drake.robot_import.anatomy import find_anatomy
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.meshes import link_parts
@@ -25,6 +30,39 @@ def test_nothing_to_say_about_the_small_humanoid(small, imported):
     assert limb_alarms(read, guess_frames(read, anatomy)) == []
     assert floor_alarms(read, parts, {}, 0.8, anatomy) == []
     assert imported.warnings == []
+
+
+@pytest.mark.parametrize(
+    "axis, limits, wrong",
+    [
+        ("0 1 0", (-0.1, 1.3), False),
+        ("0 -1 0", (-1.3, 0.1), False),
+        ("0 1 0", (-1.3, 0.1), True),
+        ("0 -1 0", (-0.1, 1.3), True),
+        ("0 1 0", (-0.5, 1.3), False),  # not the same, but to the same side
+    ],
+)
+def test_a_knee_that_bends_to_the_other_side_than_its_twin(
+    tmp_path, axis, limits, wrong
+):
+    text = humanoid_with_legs()
+    for side, way, (lower, upper) in (
+        ("left", axis, limits),
+        ("right", "0 1 0", (-0.1, 1.3)),
+    ):
+        name = f"{side}_knee"
+        old = joint(f"{name}_joint", f"{side}_pitch", name, "0 1 0", "0 0 -0.3")
+        assert old in text
+        both = f'lower="{lower}" upper="{upper}" effort="20" velocity="5"'
+        new = joint(
+            f"{name}_joint", f"{side}_pitch", name, way, "0 0 -0.3", limits=both
+        )
+        text = text.replace(old, new)
+    read = read_urdf(write(tmp_path, text))
+    found = mirrored_range_alarms(read, find_anatomy(read), {})
+    assert len(found) == wrong
+    assert all("left_knee_joint" in x and "right_knee_joint" in x for x in found)
+    assert mirrored_range_alarms(read, find_anatomy(read), {"left_knee_joint": 0}) == []
 
 
 @pytest.mark.parametrize(

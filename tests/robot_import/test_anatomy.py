@@ -203,6 +203,7 @@ def test_a_forearm_without_a_hand_has_its_wrist_near_the_tip(tmp_path):
         wrist = frames[f"{side}_wrist"]
         assert wrist.link == f"{side}_hand"
         np.testing.assert_allclose(wrist.point, [0.24, 0, 0], atol=0.005)
+        assert frames[f"{side}_hand"] == wrist
 
 
 def rolling(root: str, trunk_turns_at: float | None = None) -> str:

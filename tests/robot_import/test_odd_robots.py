@@ -1,15 +1,20 @@
 """What robots that exist have and a body has not: found all the same, or told apart."""
 
+import re
+
 import numpy as np
 import pytest
 from small_urdfs import humanoid_with_legs, joint, link, robot, write
 
 from crar_drake.errors import ModelError
-from crar_drake.robot_import.alarms import limb_alarms
-from crar_drake.robot_import.anatomy import find_anatomy, find_leg_chains
+from crar_drake.robot_import.alarms import coupling_alarms, limb_alarms
+from crar_drake.robot_import.anatomy import find_anatomy, find_leg_chains, guess_rest
 from crar_drake.robot_import.facing import guess_facing, guess_up, turned
 from crar_drake.robot_import.joint_groups import guess_locked, joint_groups
-from crar_drake.robot_import.leg_and_head_frames import has_feet
+from crar_drake.robot_import.leg_and_head_frames import (
+    guess_leg_and_head_frames,
+    has_feet,
+)
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_urdf import read_urdf
 from crar_drake.robot_import.upper_body_frames import guess_frames, guess_tool
@@ -105,6 +110,29 @@ def test_four_legs_are_not_two(tmp_path):
     assert find_leg_chains(*_with_anatomy(tmp_path, added(text, parts))) is None
 
 
+def test_what_is_on_one_side_alone_is_no_head(tmp_path):
+    """As caps of shoulders, which reach above them."""
+    text = humanoid_with_legs().replace("head", "bare").replace("0.09", "0.001")
+    parts = []
+    for side, y in SIDES:
+        parts += [
+            link(f"{side}_cap", '<sphere radius="0.1"/>'),
+            joint(
+                f"{side}_cap_j",
+                "torso",
+                f"{side}_cap",
+                xyz=f"0 {0.2 * y} 0.4",
+                kind="fixed",
+            ),
+        ]
+    read, anatomy = _with_anatomy(tmp_path, added(text, parts))
+    looks = {name: link_parts(each) for name, each in read.links.items()}
+    frames, lacking = guess_leg_and_head_frames(read, anatomy, looks)
+    assert frames["head"].link == "bare"
+    frames, lacking = guess_leg_and_head_frames(read, anatomy, looks | {"bare": []})
+    assert "head" not in frames and lacking == ["head"]
+
+
 def test_legs_without_a_shape_at_their_end_have_no_feet(tmp_path):
     """As of a model whose feet are masses alone: nothing says where its soles are."""
     read, anatomy = _with_anatomy(tmp_path, humanoid_with_legs())
@@ -127,6 +155,7 @@ USUAL = [
     ((0, 0, -0.25), "0 0 1"),
     ((0, 0, 0), "1 0 0"),
 ]
+STRAIGHT = {"left_3_j": 0.0, "right_3_j": 0.0}
 
 
 def test_arms_that_cross_at_zero_keep_their_sides(tmp_path):
@@ -177,6 +206,32 @@ def test_an_origin_anywhere_along_its_axis(tmp_path):
     np.testing.assert_allclose(p["right_elbow"], [0, -0.2, 0.15], atol=1e-5)
 
 
+@pytest.mark.parametrize("limits", ['lower="-1.4" upper="1.4" velocity="5"', ""])
+@pytest.mark.parametrize("forearm", [(0, 0, -0.25), (0.2, 0, 0)])
+def test_an_elbow_that_turns_as_far_both_ways_bends_as_a_persons(
+    tmp_path, limits, forearm
+):
+    """As Digit's, whose left axis is the mirror image of the right one: both forearms
+    go ahead or, if they are there already, up."""
+    steps = [*USUAL[:4], (forearm, "0 0 1"), USUAL[5]]
+    parts = []
+    for part in arm_pair(steps):
+        if 'name="right_3_j"' in part or 'name="left_3_j"' in part:
+            part = re.sub("<limit .*?/>", f"<limit {limits}/>" if limits else "", part)
+            part = part if limits else part.replace("revolute", "continuous")
+        if 'name="right_3_j"' in part:
+            part = part.replace('axis xyz="0 1 0"', 'axis xyz="0 -1 0"')
+        parts.append(part)
+    read, anatomy = _with_anatomy(tmp_path, robot(parts))
+    rest = guess_rest(read, anatomy, {}, frames=guess_frames(read, anatomy))
+    X, straight = (read.poses(q) for q in (rest, rest | STRAIGHT))
+    further = 0 if forearm[2] else 2  # ahead or up
+    for side, _ in SIDES:
+        wrist = f"{side}_4"
+        way = X[wrist].translation() - straight[wrist].translation()
+        assert way[further] > 0.1
+
+
 def test_the_waist_is_where_a_body_has_it(tmp_path):
     """A root on the floor below legs, and a mount between two arms."""
     text = humanoid_with_legs()
@@ -209,6 +264,24 @@ def test_a_gripper_is_no_joint_of_the_arm(tmp_path):
         read = read_urdf(write(tmp_path, robot([*parts, *extra])))
         assert guess_tool(read)["tool"].link == ("l4" if gripper else name)
         assert (f"{name}_j" in guess_locked(read, None)) == gripper
+
+
+def test_a_gear_in_the_midst_of_an_arm_does_not_end_it(tmp_path):
+    """As of a motor whose own gear is a link, which the upper arm's follows."""
+    parts = arm_pair(USUAL)
+    for side, _ in SIDES:
+        (index,) = [k for k, p in enumerate(parts) if f'"{side}_2_j"' in p]
+        follows = f'<mimic joint="{side}_gear_j"/></joint>'
+        parts[index] = parts[index].replace("</joint>", follows)
+        parts += [
+            link(f"{side}_gear"),
+            joint(f"{side}_gear_j", f"{side}_1", f"{side}_gear"),
+        ]
+    read, anatomy = _with_anatomy(tmp_path, robot(parts))
+    assert anatomy.left.hand == "left_5" and len(anatomy.right.joints) == 6
+    locked = guess_locked(read, anatomy)
+    assert {"left_gear_j", "left_2_j"} <= locked.keys()
+    assert any("left_gear_j" in x for x in coupling_alarms(read, anatomy, locked))
 
 
 def test_a_telescope_is_a_part_of_its_arm(tmp_path):

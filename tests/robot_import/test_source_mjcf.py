@@ -318,6 +318,29 @@ def test_refused(tmp_path, text, words):
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 
 
+def test_a_file_that_lacks_what_its_scene_has_names_the_scene(tmp_path):
+    """As of a robot that excludes contacts with a floor."""
+    path = tmp_path / "small.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="a"><joint/><geom name="ball" size="0.1"/>'
+        '</body></worldbody><contact><pair geom1="ball" geom2="floor"/></contact>'
+        "</mujoco>"
+    )
+    with pytest.raises(ModelError, match="'floor' not found") as caught:
+        read_robot(path)
+    assert "what it lacks" not in str(caught.value)
+    (tmp_path / "other.xml").write_text(
+        '<mujoco><include file="smaller.xml"/></mujoco>'
+    )
+    (tmp_path / "scene.xml").write_text(
+        '<mujoco><include file="small.xml"/><worldbody><geom name="floor" type="plane" '
+        'size="1 1 1"/></worldbody></mujoco>'
+    )
+    with pytest.raises(ModelError, match=r"what it lacks may be in scene\.xml$"):
+        read_robot(path)
+    assert "a" in read_robot(tmp_path / "scene.xml").links
+
+
 def test_a_closed_chain_has_to_be_locked(tmp_path):
     text = mjcf(body("a", body("b") + body("c")), LOOP)
     with pytest.raises(ModelError, match="'rod' closes a chain.*b_joint, c_joint"):

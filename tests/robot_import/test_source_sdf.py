@@ -415,3 +415,12 @@ def test_files_that_include_themselves_are_refused(tmp_path):
     (tmp_path / "b.sdf").write_text(text.format("n", "a.sdf"))
     with pytest.raises(ModelError, match="a.sdf: it includes itself"):
         read_robot(tmp_path / "a.sdf")
+
+
+def test_a_mesh_with_other_capitals_is_read(tmp_path):
+    path = write_features(tmp_path)
+    mesh = path.parent / "gripper" / "wedge.stl"
+    mesh.rename(mesh.with_name("Wedge.STL"))
+    read = read_robot(path)
+    assert read.links["hand_base"].visual[0].mesh.path.name == "Wedge.STL"
+    assert sum("Wedge.STL" in note for note in read.notes) == 1

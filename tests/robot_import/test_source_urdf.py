@@ -93,16 +93,27 @@ def test_refused(tmp_path, text, words):
         assert word in str(caught.value)
 
 
-def test_a_mesh_with_other_capitals_is_named(tmp_path):
-    (tmp_path / "acme" / "meshes").mkdir(parents=True)
-    (tmp_path / "acme" / "meshes" / "Hand.STL").write_bytes(b"")
+def test_a_mesh_with_other_capitals_is_read(tmp_path):
+    """As of files that were made where capitals do not count; if it is the only one."""
+    folder = tmp_path / "acme" / "meshes"
+    folder.mkdir(parents=True)
+    (folder / "Hand.STL").write_bytes(b"")
     for address, told in (
-        ("package://acme/meshes/hand.stl", "(link a; its name is Hand.STL)"),
-        ("acme/meshes/hand.stl", "(link a; its name is Hand.STL)"),
+        ("package://acme/meshes/hand.stl", None),
+        ("acme/meshes/hand.stl", None),
         ("package://acme/meshes", "(link a)"),  # a folder is no mesh
         ("package://acme/none/hand.stl", "(link a)"),
+        ("acme/meshes/hand.stl", "(link a; there is HAND.stl; there is Hand.STL)"),
     ):
         path = write(tmp_path, robot([link("a", MESH.format(address))]))
+        if told is None:
+            read = read_urdf(path)
+            assert read.links["a"].visual[0].mesh.path == folder / "Hand.STL"
+            (note,) = read.notes
+            assert "capitals" in note and "Hand.STL" in note
+            continue
+        if "HAND" in told:
+            (folder / "HAND.stl").write_bytes(b"")
         with pytest.raises(ModelError, match="files are missing") as caught:
             read_urdf(path)
         assert f"{address} {told}" in str(caught.value)

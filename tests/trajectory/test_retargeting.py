@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from short_motions import short_amc
 from small_walker import HEIGHT, leg_points, walker
 
 from crar_drake.errors import ModelError
@@ -214,6 +215,25 @@ def test_however_their_axes_point(tmp_path):
         assert lower == -2.5 and 0.0 < upper < 0.1
 
 
+def test_hinges_without_limits(tmp_path):
+    """As URDF has them that call every joint continuous."""
+    walker(tmp_path)
+    text, count = re.subn(
+        r'(<joint name="\w+_(?:fore_arm|shank)_j" type=")revolute(".*?<limit )'
+        r'lower="[^"]*" upper="[^"]*"',
+        r"\1continuous\2",
+        (tmp_path / "walker.urdf").read_text(),
+    )
+    assert count == 4
+    (tmp_path / "walker.urdf").write_text(text)
+    robot = Retargeter(load_robot_description(tmp_path))
+    for side in ("left", "right"):
+        lower, upper = limits(robot, f"{side}_fore_arm_j")
+        assert lower == -np.inf and 0.0 <= upper < 0.2
+        lower, upper = limits(robot, f"{side}_shank_j")
+        assert -0.2 < lower <= 0.0 and upper == np.inf
+
+
 def test_a_leg_is_measured_as_it_is_built(robot):
     for leg in robot.legs.values():
         assert leg.thigh == pytest.approx(0.35) and leg.shank == pytest.approx(0.33)
@@ -221,6 +241,37 @@ def test_a_leg_is_measured_as_it_is_built(robot):
         assert leg.ball[0] == pytest.approx(0.12, abs=0.01)
         assert leg.heel[2] == leg.ball[2] == pytest.approx(-0.06, abs=0.01)
     assert HEIGHT == pytest.approx(0.35 + 0.33 + 0.06 + 0.05)
+
+
+def test_a_robot_without_a_head_follows_all_the_same(tmp_path):
+    walker(tmp_path)
+    text = (tmp_path / "robot.yaml").read_text()
+    assert "head: head, " in text or ", head: head" in text
+    text = text.replace(", head: head", "").replace("head: head, ", "")
+    (tmp_path / "robot.yaml").write_text(text)
+    robot = Retargeter(load_robot_description(tmp_path))
+    performer = load_performer(short_amc(tmp_path / "motion", "short"))
+    found = robot.retarget(performer, RATE)
+    assert "trunk" in found.targets.directions
+    assert "head" not in found.targets.directions
+
+
+def test_a_link_that_is_called_like_another_ones_point(tmp_path, robot):
+    """As a thigh is that is called after the joint at its end."""
+    with_hands(tmp_path)
+    for file in ("walker.urdf", "robot.yaml"):
+        text = (tmp_path / file).read_text()
+        for side in ("left", "right"):
+            thigh = f"{side}_thigh(?!_)"
+            text = re.sub(thigh, f"{side}_knee", text)
+        (tmp_path / file).write_text(text)
+    named = Retargeter(load_robot_description(tmp_path))
+    assert "left_knee" in named._links
+    y = unknowns(robot, 3)
+    root = np.tile(robot._base[0], (3, 1)), np.tile(robot._base[1], (3, 1, 1))
+    ends = [("left_hip", "left_knee"), ("right_knee", "right_foot")]
+    expected, found = (each.ways(*root, y[:, ROOT:], ends) for each in (robot, named))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_a_robot_that_lacks_a_frame_is_told_which(tmp_path):

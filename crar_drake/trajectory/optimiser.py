@@ -42,6 +42,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from crar_drake.errors import CrarError
 from crar_drake.trajectory.bands import (
     Normal,
     add_rows,
@@ -337,9 +338,19 @@ class Part:
             live: the frames.
             penalty: rho of the distances.
             cost: what was minimised with them; a gain is little beside that.
+
+        Raises:
+            CrarError: what is minimised is not a number where it begins, from where no
+                step leads to one.
         """
         damping, look = self._damping, _FARTHEST_LOOK
         at = self._linearise(self.y, live, penalty, look)
+        if not np.isfinite(at.merit):
+            frame = self.first + int(np.argmin(np.isfinite(at.merits)))
+            raise CrarError(
+                f"frame {frame + 1}: what is asked of the robot there is not a number: "
+                "its model, or the motion, has a value that is none"
+            )
         for _ in range(_STEPS):
             step = self._step(at, live, penalty, damping[live.frames])
             worse, gain = live.moves, -np.inf

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from crar_drake.errors import CrarError
 from crar_drake.trajectory import optimiser
 from crar_drake.trajectory.distance_rows import NearRows, no_rows
 from crar_drake.trajectory.optimiser import (
@@ -183,6 +184,19 @@ def test_a_part_is_a_piece_of_its_motion():
     part.begin()
     part.solve(FRAMES)
     np.testing.assert_allclose(part.y, whole.y[3:], atol=1e-9)
+
+
+def test_what_is_not_a_number_is_refused_by_its_frame():
+    """From there no step is of use: the start would come back as if it were found."""
+    of = problem()
+    of.tasks.wanted = of.tasks.wanted.copy()
+    of.tasks.wanted[7] = np.nan
+    at = samples()
+    own = at.frame >= 3
+    piece = Samples(at.frame[own] - 3, at.share[own], at.asked[own])
+    part = Part(of, 3, of.posture[3:].copy(), np.ones(FRAMES - 3, dtype=bool), piece)
+    with pytest.raises(CrarError, match="^frame 8: "):
+        part.begin()
 
 
 def test_one_that_cannot_be_had_ends_and_is_as_near_as_may_be():

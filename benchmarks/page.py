@@ -187,8 +187,8 @@ def machine_line(machine: dict | None = None) -> str:
 def version_line() -> str:
     """The version of this project, with the commit where there is one.
 
-    It is `-dirty` where anything but pages of measurements, which runs write, is not
-    committed.
+    It is `-dirty` where a file that git tracks was changed and not committed, but for
+    pages of measurements, which runs write.
     """
 
     def git(*words: str) -> str:

@@ -60,7 +60,7 @@ HEADER = [
 ]
 ALL_HEADER = [
     "by",
-    "farthest limb, median / 95 %, median",
+    "farthest limb, median / 95 %, medians of the motions",
     "slip, median and worst",
     "lowest point, median and worst",
     "frames with meshes in penetration",
@@ -100,9 +100,9 @@ class Figures:
         knees: how much more than the person's each bends, in the median [rad].
         slip: longest way of a foot in a contact [m].
         lowest: of all links over the floor [m].
-        frames: of the motion,
-        penetrating: those in which meshes penetrate,
-        fast: or a joint is too fast.
+        frames: number of frames.
+        penetrating: number of those in which meshes penetrate.
+        fast: number of those in which a joint is too fast.
         jerk: rms [rad/s³].
         times_real_time: of one core.
     """

@@ -221,7 +221,7 @@ class MeshPairs:
         """
         gaps, _ = hull_gaps(pairs, R, p, self._hulls)
         parted = gaps > ROUNDING
-        for k in np.flatnonzero(gaps < _HULLS_ENOUGH):
+        for k in np.flatnonzero(~(gaps >= _HULLS_ENOUGH)):
             a, b = self._placed(*pairs[k], R[k], p[k])
             gaps[k] = max(gaps[k], fcl.distance(a, b))
         return np.maximum(0.0, gaps - ROUNDING), parted

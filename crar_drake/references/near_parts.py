@@ -135,8 +135,8 @@ def near_box(
     nearer: float,
     h: float,
 ) -> np.ndarray:
-    """Which of some balls can be as near to any of others on a way as h and both radii:
-    these are within a box.
+    """Which of some balls can be as near to the box about others on a way as h and both
+    radii together: all that can be so near to one of them, and some more.
 
     Args:
         balls, placed: (B, 4), and by `place_balls`.

@@ -43,6 +43,8 @@ SHARE, ENOUGH = 0.1, 1e-3
 # Nor is a box halved in which it changes by less than this [m], or than this if links
 # meet at its centre.
 _FINEST, _FINEST_WHERE_MET = 1e-4, 1e-3
+# Of how bounds are found: kept tables of another one are not read.
+_RULE = 2
 # Near parts are looked for again where the distance can change by so much less.
 _LESS = 0.25
 _DEPTH = 128  # of boxes in boxes, at most, and more than there can be
@@ -192,7 +194,16 @@ class PairTable:
         digest = hashlib.sha256()
         for link in self._links:
             geometry = [*geometry, link.vertices, link.faces.astype(np.int64)]
-        limits = [SHARE, ENOUGH, _FINEST, _FINEST_WHERE_MET, _LESS, _COARSE, self._near]
+        limits = [
+            _RULE,
+            SHARE,
+            ENOUGH,
+            _FINEST,
+            _FINEST_WHERE_MET,
+            _LESS,
+            _COARSE,
+            self._near,
+        ]
         for array in (*geometry, np.array(limits)):
             digest.update(str(array.shape).encode())
             digest.update(np.ascontiguousarray(array).tobytes())

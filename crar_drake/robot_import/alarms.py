@@ -109,8 +109,10 @@ def number_alarms(robot: SourceRobot, locked: Mapping[str, float]) -> list[str]:
 def mirrored_range_alarms(
     robot: SourceRobot, anatomy: Anatomy | None, locked: Mapping[str, float]
 ) -> list[str]:
-    """Joints of a left limb whose range is not that of the right one's mirror image:
-    one of the two bends to the wrong side, by a sign of its axis or of its limits.
+    """Joints of a left limb whose range is not that of the right one's mirror image.
+
+    Either both limbs are of one make, or one of the two bends to the wrong side, by a
+    sign of its axis or of its limits.
 
     Args:
         robot: in a frame whose x axis is its front.
@@ -137,8 +139,8 @@ def mirrored_range_alarms(
             found.append(
                 f"limits: {left.name} ({left.lower:g} to {left.upper:g}) and "
                 f"{right.name} ({right.lower:g} to {right.upper:g} rad) do not mirror "
-                "each other, so that one of them turns to the wrong side: correct an "
-                "axis or limits in the file"
+                "each other: if both sides are not of one make, one of them turns to "
+                "the wrong side; check axes and limits in the file"
             )
     return found
 

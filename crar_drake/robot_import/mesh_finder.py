@@ -77,9 +77,8 @@ class MeshFinder:
         if not self._other_capitals:
             return []
         names = ", ".join(dict.fromkeys(self._other_capitals))
-        return [
-            f"files whose names have other capitals than {self._file.name}: {names}"
-        ]
+        where = self._file.name
+        return [f"files whose names have other capitals than {where} writes: {names}"]
 
     def _package(self, name: str) -> Path | None:
         for root in self._roots:

@@ -63,8 +63,10 @@ def read_mjcf(path: Path) -> SourceRobot:
             spec.compiler.fusestatic = False
             model = spec.compile()
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
+        said = _line(error)
+        lacks = "not found" in said or "unknown" in said
         raise ModelError(
-            f"{path}: MuJoCo cannot read it: {_line(error)}{_scenes(path)}"
+            f"{path}: MuJoCo cannot read it: {said}{_scenes(path) if lacks else ''}"
         ) from error
     notes = [f"MuJoCo says: {_line(warning.message)}" for warning in caught]
     return _Reader(path, spec.modelname, model, notes).robot()
@@ -72,11 +74,12 @@ def read_mjcf(path: Path) -> SourceRobot:
 
 def _scenes(path: Path) -> str:
     """Of a file that others beside it include, that these may have what it lacks."""
-    include = re.compile(rf"""<include\s+file\s*=\s*["']{re.escape(path.name)}["']""")
+    name = re.escape(path.name)
+    include = re.compile(rf"""<include\s[^>]*file\s*=\s*["'](\./)?{name}["']""")
     scenes = sorted(
         other.name
         for other in path.parent.glob("*.xml")
-        if include.search(other.read_text(errors="replace"))
+        if other.is_file() and include.search(other.read_text(errors="replace"))
     )
     return f"; what it lacks may be in {' or '.join(scenes)}" if scenes else ""
 

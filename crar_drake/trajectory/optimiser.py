@@ -348,8 +348,9 @@ class Part:
         if not np.isfinite(at.merit):
             frame = self.first + int(np.argmin(np.isfinite(at.merits)))
             raise CrarError(
-                f"frame {frame + 1}: what is asked of the robot there is not a number: "
-                "its model, or the motion, has a value that is none"
+                f"about frame {frame + 1}: what the robot is to do there is not a "
+                "number (NaN or infinite); look for such a value in its model and in "
+                "the motion"
             )
         for _ in range(_STEPS):
             step = self._step(at, live, penalty, damping[live.frames])

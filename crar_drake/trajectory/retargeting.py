@@ -60,6 +60,7 @@ _ABOVE = 4e-4
 _PARTING = 0.15
 # Beyond straight, or over-stretched, by so much at most [rad].
 _STRETCHED = 0.02
+_ROUND = 2.0 * np.pi  # joints without limits are looked at so far from zero [rad]
 
 
 @dataclass(frozen=True)
@@ -454,7 +455,7 @@ class Retargeter:
         best = None
         for i, column in enumerate(model.controlled_positions):
             # A joint without limits may be a hinge, too.
-            low, high = np.clip([model.lower[i], model.upper[i]], -np.pi, np.pi)
+            low, high = max(model.lower[i], -_ROUND), min(model.upper[i], _ROUND)
             values = np.linspace(low, high, 61)
             angles, middles, ends = [], [], []
             for value in values:

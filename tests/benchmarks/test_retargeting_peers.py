@@ -23,7 +23,7 @@ def test_all_motions_have_medians_the_worst_and_shares_of_all_frames():
     row = dict(zip(ALL_HEADER, row_of_all(found), strict=True))
     assert row == {
         "by": "mink",
-        "farthest limb, median / 95 %, median": "3.0° / 9.0°",
+        "farthest limb, median / 95 %, medians of the motions": "3.0° / 9.0°",
         "slip, median and worst": "20 mm, 90 mm",
         "lowest point, median and worst": "-1.0 mm, -20.0 mm",
         "frames with meshes in penetration": "14.3 %",

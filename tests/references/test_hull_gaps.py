@@ -1,4 +1,5 @@
-"""Gaps between convex hulls: closed forms, another method, and what overlaps."""
+"""Gaps between convex hulls: closed forms, the law's own, and what overlaps or lacks
+edges."""
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -47,3 +48,40 @@ def test_gaps_are_shown_by_a_plane_and_are_the_distance():
         assert gap <= (b @ n).min() - (a @ n).max() + 1e-12
         assert abs(gap - d) < 1e-8
     assert 20 < apart < count
+
+
+def test_no_gap_is_too_large_whatever_the_climb_finds():
+    """Without edges, or with few, the farthest corner is not found: nearest points are
+    other ones, and the plane across them has to count with every corner."""
+    rng, count = np.random.default_rng(5), 60
+    none = np.zeros((0, 3), dtype=int)
+    points = [
+        rng.normal(size=(60, 3)),
+        rng.normal(size=(2, 3)),
+        rng.normal(size=(1, 3)),
+    ]
+    hulls = [(x, none) for x in points] + [
+        (points[0], np.array([[0, 1, 2], [2, 3, 4]]))
+    ]
+    corners = hull_corners(hulls)
+    pairs = np.array([(k % 4, (k // 4) % 4) for k in range(count)])
+    R = Rotation.random(count, random_state=6).as_matrix()
+    p = rng.normal(size=(count, 3)) * 3.0
+    gaps, _ = hull_gaps(pairs, R, p, corners)
+    missed = overlapping = 0
+    for (i, j), X, x, gap in zip(pairs, R, p, gaps, strict=True):
+        is_apart, d, _, _ = nearest_apart(
+            hulls[i][0], hulls[j][0] @ X.T + x, np.zeros(3)
+        )
+        overlapping += not is_apart
+        missed += is_apart and gap < d - 1e-6
+        assert gap <= (d if is_apart else 0.0) + 1e-9
+    assert missed > 10 and overlapping > 5
+
+
+def test_neither_poses_nor_pairs_that_are_no_numbers_stay():
+    box = hull_of(np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]))
+    p = np.array([[1.25, 0.1, -0.2], [np.inf, 0.0, 0.0], [np.nan, 0.0, 0.0]])
+    R = np.tile(np.eye(3), (3, 1, 1))
+    gaps, _ = hull_gaps(np.tile([[0, 0]], (3, 1)), R, p, hull_corners([box]))
+    assert gaps[0] > 0.2 and not (gaps[1:] > 0.0).any()

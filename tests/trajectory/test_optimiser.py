@@ -195,7 +195,7 @@ def test_what_is_not_a_number_is_refused_by_its_frame():
     own = at.frame >= 3
     piece = Samples(at.frame[own] - 3, at.share[own], at.asked[own])
     part = Part(of, 3, of.posture[3:].copy(), np.ones(FRAMES - 3, dtype=bool), piece)
-    with pytest.raises(CrarError, match="^frame 8: "):
+    with pytest.raises(CrarError, match="^about frame 8: "):
         part.begin()
 
 

@@ -60,7 +60,6 @@ _ABOVE = 4e-4
 _PARTING = 0.15
 # Beyond straight, or over-stretched, by so much at most [rad].
 _STRETCHED = 0.02
-_ROUND = 2.0 * np.pi  # joints without limits are looked at so far from zero [rad]
 
 
 @dataclass(frozen=True)
@@ -455,7 +454,13 @@ class Retargeter:
         best = None
         for i, column in enumerate(model.controlled_positions):
             # A joint without limits may be a hinge, too.
-            low, high = max(model.lower[i], -_ROUND), min(model.upper[i], _ROUND)
+            low, high = (
+                limit if np.isfinite(limit) else all_round
+                for limit, all_round in (
+                    (model.lower[i], -np.pi),
+                    (model.upper[i], np.pi),
+                )
+            )
             values = np.linspace(low, high, 61)
             angles, middles, ends = [], [], []
             for value in values:

@@ -152,6 +152,35 @@ def _nearest_of_simplex(w, count, share):
 
 
 @compiled(loops=True)
+def to_nearest(
+    w: np.ndarray, of: np.ndarray, count: int, share: np.ndarray, v: np.ndarray
+) -> tuple[bool, int]:
+    """Takes a simplex to the part of it that has the point nearest to the origin.
+
+    Args:
+        w, count, share: as of `_nearest_of_simplex`. Corners without a share go.
+        of: (4, 2) of which points the corners are the difference.
+        v: (3,) where the nearest point is put.
+
+    Returns:
+        Whether the origin is outside, and how many corners are left.
+    """
+    outside, kept = not _nearest_of_simplex(w, count, share), 0
+    for k in range(count):
+        if share[k] > 0.0:
+            for c in range(3):
+                w[kept, c] = w[k, c]
+            of[kept, 0], of[kept, 1] = of[k, 0], of[k, 1]
+            share[kept] = share[k]
+            kept += 1
+    for c in range(3):
+        v[c] = 0.0
+        for k in range(kept):
+            v[c] += share[k] * w[k, c]
+    return outside, kept
+
+
+@compiled(loops=True)
 def nearest_apart(
     a: np.ndarray, b: np.ndarray, shift: np.ndarray
 ) -> tuple[bool, float, np.ndarray, np.ndarray]:
@@ -195,20 +224,7 @@ def nearest_apart(
         if size - gap <= _ENOUGH:
             break
         of[count, 0], of[count, 1] = i, j
-        apart = not _nearest_of_simplex(w, count + 1, share)
-        kept = 0
-        for k in range(count + 1):
-            if share[k] > 0.0:
-                for c in range(3):
-                    w[kept, c] = w[k, c]
-                of[kept, 0], of[kept, 1] = of[k, 0], of[k, 1]
-                share[kept] = share[k]
-                kept += 1
-        count = kept
-        for c in range(3):
-            v[c] = 0.0
-            for k in range(count):
-                v[c] += share[k] * w[k, c]
+        apart, count = to_nearest(w, of, count + 1, share, v)
     return apart, gap, n, x
 
 

@@ -31,15 +31,13 @@ from crar_drake.references.ground_contact import FEET
 from crar_drake.references.ground_support import Ground, Support
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.robot.description import find_body, find_frame
-from crar_drake.robot.model import ControlModel
-from crar_drake.robot.task import Task
 from crar_drake.robot_import.link_outlines import links_outward
 from crar_drake.trajectory.balance import (
     Balance,
     half_planes,
     point_masses,
 )
-from crar_drake.trajectory.body_points import ROOT, Placed
+from crar_drake.trajectory.body_points import ROOT, Placed, model_of_links
 from crar_drake.trajectory.optimiser import AtFrames, Problem, Wide
 
 _ROUNDS = 2  # feet that were changed are planted in other frames
@@ -99,11 +97,7 @@ class Balancer:
         plant = model.plant
         base = find_body(plant, description.base)
         self._links = list(links_outward(plant, base.body_frame()))
-        self._poses = ControlModel.FromDescription(
-            # A link may be called like another one's point.
-            replace(description, root="fixed", pairs=[], task_frames={}),
-            [Task(frame=link, kind="pose") for link in self._links],
-        )
+        self._poses = model_of_links(description, self._links)
         self._masses = point_masses(plant, self._links)
         self._rest = model.rest_positions()
         context = plant.CreateDefaultContext()

@@ -4,8 +4,9 @@ Nearest points are sought as in `equations.hull_distances`, but hulls of meshes 
 thousand corners. So what is farthest in a direction is found from corner to corner
 along edges. That may end too early where corners are rounded. A distance is therefore
 what the plane across the nearest points leaves free between all corners: a bound from
-below, whatever was found. Compiled this takes less time than a library does, as plain
-Python far more.
+below, whatever was found.
+
+Compiled, this is faster than a library; as plain Python it is far slower.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import Held, compiled, hold
-from crar_drake.equations.hull_distances import _nearest_of_simplex
+from crar_drake.equations.hull_distances import to_nearest
 
 # Nearest points are found until the distance is known to this [m].
 _ENOUGH = 1e-9
@@ -32,7 +33,7 @@ class HullCorners(NamedTuple):
         points: (V, 3) corners of all [m].
         first: (H + 1,) the first of each, and how many there are; of what has no volume
             there are none.
-        beside: (E,) corners at the other ends of edges, as indices of `points`,
+        beside: (E,) corners at the other ends of edges, as indices of `points`.
         edges: (V + 1,) where those of each corner begin, and how many there are.
     """
 
@@ -127,20 +128,7 @@ def hull_gaps(
             if count and size - gap <= _ENOUGH:
                 break
             of[count, 0], of[count, 1] = i, j
-            apart = not _nearest_of_simplex(w, count + 1, share)
-            kept = 0
-            for m in range(count + 1):
-                if share[m] > 0.0:
-                    for c in range(3):
-                        w[kept, c] = w[m, c]
-                    of[kept, 0], of[kept, 1] = of[m, 0], of[m, 1]
-                    share[kept] = share[m]
-                    kept += 1
-            count = kept
-            for c in range(3):
-                v[c] = 0.0
-                for m in range(count):
-                    v[c] += share[m] * w[m, c]
+            apart, count = to_nearest(w, of, count + 1, share, v)
         if not apart:
             continue
         for c in range(3):

@@ -21,6 +21,7 @@ _ARM_WORDS = ("arm", "shoulder", "elbow", "wrist", "hand")
 AWAY = 0.25  # [rad] of an arm from the trunk, at rest
 _BENT = 0.6  # [rad] of an elbow, at rest
 _EVEN = 0.05  # by which an elbow's ranges both ways differ that are as large
+_MOVES = 1e-3  # [m] a wrist, at least, if it says which way an elbow is to bend
 MIRROR_TOLERANCE = 0.03  # [m]
 _SAME = 2e-3  # [m] between a link's origin and that of its twin's image
 _MIRROR, _HALF_TURN = (1, -1, 1), (-1, -1, 1)
@@ -354,7 +355,7 @@ def guess_rest(
     arms has its joints as the file's own posture, else in the middle of their ranges.
 
     An elbow bends to where its range is larger; if that is as large both ways, as a
-    person's: the wrist goes ahead or, if it does not, up.
+    person's: the wrist goes ahead or, where it moves more that way, up.
 
     Args:
         robot: in a frame whose x axis is its front.
@@ -408,16 +409,19 @@ def _bent_elbow(
     """Where an elbow is bent [rad], see `guess_rest`."""
     here = posture[elbow.name]
     fewer, more = np.clip([here - _BENT, here + _BENT], elbow.lower, elbow.upper)
-    if not np.isclose(elbow.upper, -elbow.lower, rtol=_EVEN):
-        return float(more if elbow.upper > -elbow.lower else fewer)
-    places = [
-        robot.poses({**posture, elbow.name: angle})[wrist.link].multiply(
-            np.array(wrist.point, dtype=float)
-        )
-        for angle in (fewer, more)
-    ]
-    x, _, z = places[1] - places[0]
-    return float(more if (x if abs(x) > abs(z) else z) > 0.0 else fewer)
+    to_more = elbow.upper > -elbow.lower
+    if np.isclose(elbow.upper, -elbow.lower, rtol=_EVEN):
+        places = [
+            robot.poses({**posture, elbow.name: angle})[wrist.link].multiply(
+                np.array(wrist.point, dtype=float)
+            )
+            for angle in (fewer, more)
+        ]
+        x, _, z = places[1] - places[0]
+        ahead = x if abs(x) > abs(z) else z
+        if abs(ahead) > _MOVES:
+            to_more = ahead > 0.0
+    return float(more if to_more else fewer)
 
 
 def elbow_index(X: Mapping[str, RigidTransform], arm: Arm) -> int:

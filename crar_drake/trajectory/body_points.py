@@ -9,17 +9,28 @@ rotation vector in the world's axes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.kinematics import joint_motion, link_poses, place_points
+from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
 from crar_drake.trajectory.distance_rows import configurations
 
 ROOT = 6  # unknowns of it
 _SMALL = 1e-4  # [rad] below which a turn's Jacobian is taken from its series
+
+
+def model_of_links(description: RobotDescription, links: Sequence[str]) -> ControlModel:
+    """A robot with its root fixed, the tasks of which are where its links are."""
+    # A link may be called like a task frame, which is elsewhere.
+    bare = replace(description, root="fixed", pairs=[], task_frames={})
+    tasks = [Task(frame=link, kind="pose") for link in links]
+    return ControlModel.FromDescription(bare, tasks)
 
 
 def skew(v: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ from crar_drake.robot_import.link_outlines import (
     link_outlines,
     links_outward,
 )
-from crar_drake.trajectory.body_points import ROOT, Placed, skew
+from crar_drake.trajectory.body_points import ROOT, Placed, model_of_links, skew
 from crar_drake.trajectory.distance_rows import (
     NearRows,
     join_rows,
@@ -167,8 +167,6 @@ class Retargeter:
                 "import.yaml)"
             )
         fixed = replace(description, root="fixed")
-        # A link may be called like another one's point.
-        bare = replace(fixed, pairs=[], task_frames={})
         some = [Task(frame=frames["waist"])]
         self.model = ControlModel.FromDescription(fixed, some)
         plant = self.model.plant
@@ -177,8 +175,7 @@ class Retargeter:
         self._outlines = outlines
         carrying = {find_frame(plant, frame).body().name() for frame in frames.values()}
         self._links = sorted(carrying | set(self._outlines))
-        tasks = [Task(frame=name, kind="pose") for name in self._links]
-        self._poses = ControlModel.FromDescription(bare, tasks)
+        self._poses = model_of_links(description, self._links)
         self.rest = self.model.rest_positions()
         self._last = None, np.zeros(1, dtype=int), np.zeros((1, 0)), None
         context = plant.CreateDefaultContext()
@@ -454,12 +451,8 @@ class Retargeter:
         best = None
         for i, column in enumerate(model.controlled_positions):
             # A joint without limits may be a hinge, too.
-            low, high = (
-                limit if np.isfinite(limit) else all_round
-                for limit, all_round in (
-                    (model.lower[i], -np.pi),
-                    (model.upper[i], np.pi),
-                )
+            low, high = np.nan_to_num(
+                [model.lower[i], model.upper[i]], neginf=-np.pi, posinf=np.pi
             )
             values = np.linspace(low, high, 61)
             angles, middles, ends = [], [], []

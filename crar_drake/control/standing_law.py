@@ -69,7 +69,8 @@ class StandingGains:
         capture: decay k of the capture point's error [1/s].
         turn, turn_rate: PD of the root's orientation [1/s^2, 1/s].
         height, height_rate: PD of the root's height [1/s^2, 1/s].
-        joint, joint_rate: PD of the joints that follow the command [1/s^2, 1/s].
+        joint, joint_rate: PD of the joints that follow the command; stiff, for they
+            have its `tracking_error` to spare before a limit [1/s^2, 1/s].
         sole, sole_rate: PD of the soles' places [1/s^2, 1/s].
         sole_turn, sole_turn_rate: PD of their orientations; stiff, for feet are light,
             and one that carries little tips over by itself [1/s^2, 1/s].
@@ -80,7 +81,8 @@ class StandingGains:
             that carry nothing stay on the floor [shares of the weight].
         friction_share: of the friction, that is used.
         sole_margin: that forces keep from the soles' edges, over which feet would tip
-            [m].
+            [m]. Much less than balance keeps of the command's (`BalanceParameters`):
+            the difference is what brings the robot back.
     """
 
     capture: float = 6.0
@@ -88,17 +90,17 @@ class StandingGains:
     turn_rate: float = 25.0
     height: float = 150.0
     height_rate: float = 25.0
-    joint: float = 400.0
-    joint_rate: float = 40.0
+    joint: float = 4000.0
+    joint_rate: float = 120.0
     sole: float = 400.0
     sole_rate: float = 40.0
     sole_turn: float = 2500.0
     sole_turn_rate: float = 100.0
     weigh_turn: float = 0.1
     weigh_height: float = 2.0
-    least_force: float = 0.01
+    least_force: float = 0.005
     friction_share: float = 0.8
-    sole_margin: float = 0.01
+    sole_margin: float = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +112,8 @@ class StandingStep:
         acceleration: (nv,) that these and the forces make.
         forces: (C, 3) of the ground at the corners of the soles, in the world [N].
         clipped: what the limits took off an effort, at most [Nm or N].
-        fell: whether the robot lies; then its joints are just braked.
+        fell: whether the robot lies, or no forces are found for it; then its joints are
+            just braked.
     """
 
     efforts: np.ndarray
@@ -304,6 +307,9 @@ class StandingLaw:
         efforts_0 = efforts(M @ a_0 + h - root_inertia @ a_f)
         D = efforts(root_inertia @ B - pushes)
         x = self._shares(w[:, np.newaxis] * rows, w * wanted, efforts_0, D)
+        if not np.isfinite(x).all():
+            # Legs that fling about in a fall cannot hold the root at all.
+            return self._go_limp(M, v)
         answer, limits = efforts_0 + D @ x, self._actuators.limits
         allowed = np.clip(answer, -limits, limits)
         forces = (self._weight * x).reshape(-1, len(_WAYS)) @ self._edges
@@ -315,7 +321,7 @@ class StandingLaw:
         )
 
     def _go_limp(self, M: np.ndarray, v: np.ndarray) -> StandingStep:
-        """Of a robot that lies: its joints are braked, each against its own inertia."""
+        """Falling or lying, joints are braked, each against its own inertia."""
         braked = np.zeros(len(v))
         braked[self._j] = -_LIMP * v[self._j] * np.diag(M)[self._j]
         limits = self._actuators.limits

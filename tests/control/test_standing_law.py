@@ -135,6 +135,22 @@ def test_weak_motors_get_no_more_than_they_give(tmp_path) -> None:
     assert answer.acceleration[5] < -0.1
 
 
+def test_legs_that_cannot_hold_the_root_get_finite_torques(law) -> None:
+    """Between postures whose legs hold it from either side there is one in which none
+    does: accelerations of the root follow from no forces."""
+    contexts = [law.plant.CreateDefaultContext() for _ in range(2)]
+    n, nv = len(law.joint_names), law.plant.num_velocities()
+    ends = [0.8 * np.random.default_rng(seed).normal(size=12) for seed in (0, 3)]
+    command, limp = (law.rest[7:], np.zeros(n), np.zeros(n)), 0
+    for share in np.linspace(0.835, 0.838, 400):
+        q = law.rest.copy()
+        q[7:19] += (1.0 - share) * ends[0] + share * ends[1]
+        answer = law.step(*contexts, np.concatenate((q, np.zeros(nv))), command)
+        assert np.isfinite(answer.efforts).all()
+        limp += answer.fell
+    assert limp < 40
+
+
 def test_a_robot_that_lies_is_braked(law) -> None:
     contexts = [law.plant.CreateDefaultContext() for _ in range(2)]
     n, nv = len(law.joint_names), law.plant.num_velocities()

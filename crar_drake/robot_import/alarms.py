@@ -10,7 +10,6 @@ from crar_drake.robot_import.anatomy import (
     joint_axis,
 )
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.inertias import own_mass
 from crar_drake.robot_import.meshes import Part, lowest_points
 from crar_drake.robot_import.source_robot import SourceRobot
 from crar_drake.robot_import.surface_distances import Surfaces
@@ -84,7 +83,7 @@ def number_alarms(robot: SourceRobot, locked: Mapping[str, float]) -> list[str]:
         for joint in moving
         if joint.kind != "prismatic" and _MOST_TURNED < joint.upper < np.inf
     ]
-    masses = {name: own_mass(link) for name, link in robot.links.items()}
+    masses = {name: link.mass for name, link in robot.links.items()}
     negative = [f"{name} ({mass:g} kg)" for name, mass in masses.items() if mass < 0.0]
     found = []
     if still:

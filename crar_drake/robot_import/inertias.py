@@ -26,11 +26,6 @@ def read_inertia(link: Link) -> tuple[Inertia | None, str]:
     return inertia, ""
 
 
-def own_mass(link: Link) -> float:
-    """The mass that the file gives [kg]; 0 if none."""
-    return link.inertia.mass if link.inertia else 0.0
-
-
 def stand_in(parts: list[Part], mass: float) -> Inertia:
     """An inertia from the link's convex hulls, with the given mass if there is one."""
     import trimesh

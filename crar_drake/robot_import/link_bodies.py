@@ -5,7 +5,7 @@ import numpy as np
 from crar_drake.robot_import.capsule_fitting import coverage
 from crar_drake.robot_import.covering import covered
 from crar_drake.robot_import.import_report import ImportReport
-from crar_drake.robot_import.inertias import own_mass, read_inertia, stand_in
+from crar_drake.robot_import.inertias import read_inertia, stand_in
 from crar_drake.robot_import.meshes import Part
 from crar_drake.robot_import.source_robot import WORLD, Inertia
 from crar_drake.robot_import.structure import welded_groups
@@ -61,8 +61,8 @@ def find_inertias(robot, locked, parts, report: ImportReport) -> dict[str, Inert
         inertia, complaint = read_inertia(link)
         if inertia is not None:
             inertias[name] = inertia
-        elif own_mass(link) > 0.0:
-            inertias[name] = stand_in(parts[name], own_mass(link))
+        elif link.mass > 0.0:
+            inertias[name] = stand_in(parts[name], link.mass)
             report.notes.append(
                 f"inertia: link {name} {complaint}: taken from its convex hull"
             )

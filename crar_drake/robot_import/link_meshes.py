@@ -148,9 +148,7 @@ def _shape(shape: DrakeShape, X_LG: RigidTransform, link: str) -> Shape | None:
             f"link {link!r}: cannot be judged by meshes: it has a "
             f"{type(shape).__name__} (judge by the collision shapes alone: --no-meshes)"
         )
-    if path is not None:
-        found = replace(found, mesh=replace(found.mesh, path=path))
-    return found
+    return found if path is None else replace(found, path=path)
 
 
 def _file(shape: Mesh | Convex, link: str) -> Path:

@@ -17,7 +17,7 @@ from pydrake.math import RigidTransform
 from crar_drake.errors import ModelError
 from crar_drake.files import write_whole
 from crar_drake.robot.mesh_files import Y_UP, Z_UP, read_meshes
-from crar_drake.robot_import.source_robot import Link, Mesh, Shape, SourceRobot
+from crar_drake.robot_import.source_robot import Link, Shape, SourceRobot
 
 _HEAD = 20_000  # bytes of a DAE file, which its asset element is within
 _GREY = (0.7, 0.7, 0.7, 1.0)
@@ -110,8 +110,8 @@ def guess_up_axis(robot: SourceRobot) -> tuple[str, str] | None:
     apart = {"z": 0.0, "file": 0.0}
     told = False
     for name, link in robot.links.items():
-        meshes = [s.mesh for s in link.visual or link.collision if s.mesh is not None]
-        if not any(dae_up_axis(mesh.path) != "z" for mesh in meshes):
+        files = [s.path for s in link.visual or link.collision if s.path is not None]
+        if all(dae_up_axis(path) == "z" for path in files):
             continue
         told = True
         joints = [joint.X_PC.translation() for joint in robot.children(name)]
@@ -136,9 +136,9 @@ def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
     import trimesh
 
     if shape.kind == "mesh":
-        up = dae_up_axis(shape.mesh.path) if up_axis == "file" else "z"
-        up = "y" if shape.mesh.path.suffix.lower() in Y_UP else up
-        pieces = _load(shape.mesh, link, up)
+        up = dae_up_axis(shape.path) if up_axis == "file" else "z"
+        up = "y" if shape.path.suffix.lower() in Y_UP else up
+        pieces = _load(shape, link, up)
     elif shape.kind == "triangles":
         pieces = [(trimesh.Trimesh(*shape.triangles), None)]
     else:
@@ -168,7 +168,7 @@ def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
     return parts
 
 
-def _load(source: Mesh, link: str, up: str = "z") -> list[tuple]:
+def _load(source: Shape, link: str, up: str) -> list[tuple]:
     """The file's meshes, turned z up, scaled, one for each colour, with that colour."""
     import trimesh
 

@@ -65,8 +65,7 @@ def with_checked_limits(robot: SourceRobot) -> SourceRobot:
             )
             _check_range(robot, joint)
         joints[joint.name] = joint
-    parents = {joint.child: joint for joint in joints.values()}
-    return replace(robot, joints=joints, _parents=parents)
+    return replace(robot, joints=joints)
 
 
 def _bound(robot: SourceRobot, joint: Joint, key: str) -> float | None:

@@ -125,16 +125,12 @@ class _Reader:
         self._add_sites()
         loops = self._read_equalities()
         self._note_left_out(left_out)
-        parents = {joint.child: joint for joint in self._joints.values()}
-        (root,) = [link for link in self._links if link not in parents]
         name = self._name if self._name != _UNNAMED else ""
         return SourceRobot(
             (name or default_name(self._path)).replace(" ", "_"),
             self._path,
             self._links,
             self._joints,
-            root,
-            parents,
             tuple(self._notes),
             loops=loops,
             posture=keyframe_posture(self._model, self._joint_names),

@@ -23,7 +23,6 @@ from crar_drake.robot_import.source_robot import (
     Inertia,
     Joint,
     Link,
-    Mesh,
     Shape,
     SourceRobot,
 )
@@ -82,8 +81,7 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         if joint.name in joints:
             raise ModelError(f"{path}: two joints are named {joint.name!r}")
         joints[joint.name] = joint
-    parents = check_tree(path, links, joints)
-    (top,) = [name for name in links if name not in parents]
+    check_tree(path, links, joints)
     if any("," in text for text in _number_texts(root)):
         notes.append(
             "numbers with commas: 1,5 was read as 1.5, and a comma before a space as "
@@ -94,8 +92,6 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         path,
         links,
         joints,
-        top,
-        parents,
         tuple(notes),
         tuple(warnings),
     )
@@ -139,12 +135,8 @@ def _number_texts(root: ElementTree.Element) -> Iterator[str]:
                 yield text
 
 
-def check_tree(path: Path, links: dict, joints: dict[str, Joint]) -> dict[str, Joint]:
-    """Link to the joint that carries it, of all links but the root.
-
-    Raises:
-        ModelError: the links are not one tree, or a name is of nothing.
-    """
+def check_tree(path: Path, links: dict, joints: dict[str, Joint]) -> None:
+    """Raises ModelError: the links are not one tree, or a name is of nothing."""
     if not links:
         raise ModelError(f"{path}: it has no links")
     parents: dict[str, Joint] = {}
@@ -184,7 +176,6 @@ def check_tree(path: Path, links: dict, joints: dict[str, Joint]) -> dict[str, J
             f"{path}: these links form a closed chain, which is not supported: "
             f"{', '.join(lost)}"
         )
-    return parents
 
 
 def _read_colours(
@@ -264,7 +255,7 @@ def _read_shape(element, link, colours, meshes, path, notes) -> Shape | None:
             notes.append(f"link {link}: a mesh with a scale of zero is left out")
             return None
         found = meshes.find(shape.get("filename", ""), f"link {link}")
-        return Shape(X_LG, kind, Mesh(found, scale), rgba=rgba)
+        return Shape(X_LG, kind, found, scale, rgba=rgba)
     sizes = {"box": ("size",), "sphere": ("radius",)}
     names = sizes.get(kind, ("radius", "length"))
     if kind not in ("box", "sphere", "cylinder", "capsule"):

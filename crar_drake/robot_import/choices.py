@@ -9,9 +9,12 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from crar_drake.errors import ModelError
 from crar_drake.files import write_whole
 from crar_drake.robot.description import check_soles
+from crar_drake.robot_import.source_robot import Poses
 from crar_drake.yaml_files import load_yaml, read_text
 
 BASES = ("prescribed", "floating", "fixed")
@@ -62,6 +65,10 @@ class FrameChoice:
     link: str = ""
     point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+    def place(self, X: Poses) -> np.ndarray:
+        """(3,) where it is, in the frame of the links' poses [m]."""
+        return X[self.link].multiply(np.array(self.point, dtype=float))
 
 
 @dataclass

@@ -1,12 +1,10 @@
 """A first guess at a motion's points on legs and head, and at knees that are bent."""
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 
 from crar_drake.robot_import.anatomy import (
-    Anatomy,
     Arm,
+    Arms,
     axes_crossing,
     find_leg_chains,
     frame_at,
@@ -14,8 +12,8 @@ from crar_drake.robot_import.anatomy import (
     welded_below,
 )
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.meshes import Part
-from crar_drake.robot_import.source_robot import Joint, SourceRobot
+from crar_drake.robot_import.meshes import Looks, vertices_of
+from crar_drake.robot_import.source_robot import Joint, Poses, Positions, SourceRobot
 
 LEG_POINTS = ("hip", "knee", "foot")
 
@@ -27,9 +25,7 @@ _ABOVE = 0.03  # [m] above the shoulders that a head reaches, at least
 
 
 def guess_leg_and_head_frames(
-    robot: SourceRobot,
-    anatomy: Anatomy,
-    parts: Mapping[str, Sequence[Part]] | None = None,
+    robot: SourceRobot, anatomy: Arms, parts: Looks | None = None
 ) -> tuple[dict[str, FrameChoice], list[str]]:
     """Hips, knees, feet and head, and which of them were not found.
 
@@ -38,11 +34,6 @@ def guess_leg_and_head_frames(
     Foot: origin of the last joint, the ankle.
     Head: middle of what one link has above the shoulders, on both sides of the middle;
     the link is neither an arm's nor the trunk, and called head or else the largest.
-
-    Args:
-        robot: in a frame whose x axis is its front.
-        anatomy: its arms.
-        parts: link to its real look, in its frame; without it there is no head.
     """
     frames: dict[str, FrameChoice] = {}
     legs = find_leg_chains(robot, anatomy)
@@ -55,17 +46,8 @@ def guess_leg_and_head_frames(
     return frames, [name for name in (*wanted, "head") if name not in frames]
 
 
-def has_feet(
-    robot: SourceRobot,
-    anatomy: Anatomy,
-    parts: Mapping[str, Sequence[Part]],
-) -> bool:
-    """Whether there are two legs, each with something at its end to stand on.
-
-    Args:
-        robot, anatomy: as `guess_leg_and_head_frames` has them.
-        parts: link to its real look; empty where it has none.
-    """
+def has_feet(robot: SourceRobot, anatomy: Arms, parts: Looks) -> bool:
+    """Whether there are two legs, each with something at its end to stand on."""
     legs = find_leg_chains(robot, anatomy)
     ends = [leg.joints[-1].child for leg in legs or ()]
     return bool(ends) and all(
@@ -88,7 +70,7 @@ def _of_leg(robot: SourceRobot, leg: Arm) -> dict[str, FrameChoice]:
     return frames
 
 
-def _knee_index(X, leg: Arm) -> int | None:
+def _knee_index(X: Poses, leg: Arm) -> int | None:
     """Which joint of a leg is the knee; None if none divides it like one."""
     p = [X[joint.child].translation() for joint in leg.joints]
     uneven = {}
@@ -105,22 +87,14 @@ def _knee_index(X, leg: Arm) -> int | None:
 
 
 def bent_knees(
-    robot: SourceRobot,
-    anatomy: Anatomy,
-    locked: Mapping[str, float],
-    spread: float = 0.0,
+    robot: SourceRobot, anatomy: Arms, locked: Positions, spread: float = 0.0
 ) -> dict[str, float]:
     """Joint to position [rad] of two legs that stand with their knees a little bent.
 
     A straight leg is singular: no step of a foot bends it, and what does may bend it
     either way. The ankle stays where it is from the hip but for its distance, the sole
-    as it is turned. Empty where legs have no such joints, or are bent at zero already.
-
-    Args:
-        robot: in a frame whose x axis is its front.
-        anatomy: its arms.
-        locked: joint to the position at which it is welded [rad or m].
-        spread: by which each hip rolls outwards, and the ankle back [rad].
+    as it is turned. Each hip rolls outwards by `spread` [rad], and the ankle back.
+    Empty where legs have no such joints, or are bent at zero already.
     """
     rest: dict[str, float] = {}
     legs = find_leg_chains(robot, anatomy) or ()
@@ -132,8 +106,8 @@ def bent_knees(
     return rest
 
 
-def _bent(robot: SourceRobot, leg: Arm, locked) -> dict[str, float] | None:
-    X, joints = robot.poses(dict(locked)), leg.joints
+def _bent(robot: SourceRobot, leg: Arm, locked: Positions) -> dict[str, float] | None:
+    X, joints = robot.poses(locked), leg.joints
     index = _knee_index(X, leg)
     pitching = [
         i
@@ -162,9 +136,11 @@ def _bent(robot: SourceRobot, leg: Arm, locked) -> dict[str, float] | None:
     }
 
 
-def _rolled(robot: SourceRobot, leg: Arm, locked, angle: float) -> dict[str, float]:
+def _rolled(
+    robot: SourceRobot, leg: Arm, locked: Positions, angle: float
+) -> dict[str, float]:
     """Hip and ankle, rolled against each other about the axis ahead."""
-    X = robot.poses(dict(locked))
+    X = robot.poses(locked)
     knee = _knee_index(X, leg)
     axes = [joint_axis(X, joint)[0] for joint in leg.joints]
     rolls = [
@@ -190,20 +166,19 @@ def _inside(joint: Joint, position: float) -> float:
     return float(np.clip(position, joint.lower + inside, joint.upper - inside))
 
 
-def _head(robot: SourceRobot, anatomy: Anatomy, parts) -> FrameChoice | None:
+def _head(robot: SourceRobot, anatomy: Arms, parts: Looks) -> FrameChoice | None:
     X = robot.poses()
-    arms = (anatomy.left, anatomy.right)
     _, middle, shoulders = np.mean(
-        [X[arm.joints[0].child].translation() for arm in arms], axis=0
+        [X[arm.joints[0].child].translation() for arm in anatomy], axis=0
     )
     # Neither the arms nor what carries them.
-    apart = {link for arm in arms for link in robot.below(arm.joints[0].child)}
-    apart |= {joint.parent for arm in arms for joint in robot.path_to(arm.hand)}
+    apart = {link for arm in anatomy for link in robot.below(arm.joints[0].child)}
+    apart |= {joint.parent for arm in anatomy for joint in robot.path_to(arm.hand)}
     found = {}
     for link in robot.below(robot.root):
         if link in apart or not parts.get(link):
             continue
-        p = np.concatenate([X[link].multiply(v.vertices.T).T for v in parts[link]])
+        p = vertices_of(parts[link], X[link])
         above = p[p[:, 2] > shoulders + _ABOVE]
         if len(above) and above[:, 1].min() < middle < above[:, 1].max():
             size = float(np.prod(np.ptp(above, axis=0)))

@@ -6,31 +6,38 @@ from crar_drake.robot_import.capsule_fitting import coverage
 from crar_drake.robot_import.covering import covered
 from crar_drake.robot_import.import_report import ImportReport
 from crar_drake.robot_import.inertias import read_inertia, stand_in
-from crar_drake.robot_import.meshes import Part
-from crar_drake.robot_import.source_robot import WORLD, Inertia
+from crar_drake.robot_import.meshes import Looks, vertices_of
+from crar_drake.robot_import.source_robot import (
+    WORLD,
+    Inertia,
+    Positions,
+    SourceRobot,
+)
 from crar_drake.robot_import.structure import welded_groups
 
 
-def find_covered(robot, locked, parts, report: ImportReport) -> None:
+def find_covered(
+    robot: SourceRobot, locked: Positions, segments: Looks, report: ImportReport
+) -> None:
     """Links that lie inside another link's capsules need none of their own."""
     group = welded_groups(robot, locked)
     X = robot.poses(locked)
     by_size = sorted(
-        report.fits, key=lambda name: np.ptp(all_vertices(parts[name]), axis=0).max()
+        report.fits, key=lambda name: np.ptp(vertices_of(segments[name]), axis=0).max()
     )
     for name in by_size:
         for other in report.fits:
             if other == name or other in report.covered or group[other] != group[name]:
                 continue
-            X_OL = X[other].inverse() @ X[name]
-            p_O = all_vertices(parts[name]) @ X_OL.rotation().matrix().T
-            p_O += X_OL.translation()
+            p_O = vertices_of(segments[name], X[other].inverse() @ X[name])
             if coverage(report.fits[other].capsules, p_O) >= 0.995:
                 report.covered[name] = other
                 break
 
 
-def cover_triangles(robot, locked, segments, report: ImportReport) -> None:
+def cover_triangles(
+    robot: SourceRobot, locked: Positions, segments: Looks, report: ImportReport
+) -> None:
     """Grows each link's capsules to hold its triangles, and those of links inside."""
     X, grown = robot.poses(locked), {}
     for name in report.fits:
@@ -48,11 +55,9 @@ def cover_triangles(robot, locked, segments, report: ImportReport) -> None:
     )
 
 
-def all_vertices(parts: list[Part]) -> np.ndarray:
-    return np.concatenate([part.vertices for part in parts])
-
-
-def find_inertias(robot, locked, parts, report: ImportReport) -> dict[str, Inertia]:
+def find_inertias(
+    robot: SourceRobot, locked: Positions, parts: Looks, report: ImportReport
+) -> dict[str, Inertia]:
     """The URDF's inertias, and a stand-in where the dynamics need one."""
     group = welded_groups(robot, locked)
     inertias: dict[str, Inertia] = {}

@@ -13,6 +13,7 @@ from crar_drake.robot_import.link_meshes import (
     has_meshes,
     read_link_meshes,
 )
+from crar_drake.robot_import.meshes import vertices_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +46,7 @@ def link_outlines(
         if meshes is None:
             meshes = read_link_meshes(plant, scene_graph)
         for link in meshes:
-            vertices = np.concatenate([part.vertices for part in link.parts])
-            hull = _hull(vertices)
+            hull = _hull(vertices_of(link.parts))
             outlines[link.name] = LinkOutline(hull, np.zeros(len(hull)))
     else:
         outlines = capsule_outlines(plant, scene_graph)

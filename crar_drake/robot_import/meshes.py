@@ -17,7 +17,7 @@ from pydrake.math import RigidTransform
 from crar_drake.errors import ModelError
 from crar_drake.files import write_whole
 from crar_drake.robot.mesh_files import Y_UP, Z_UP, read_meshes
-from crar_drake.robot_import.source_robot import Link, Shape, SourceRobot
+from crar_drake.robot_import.source_robot import Link, Positions, Shape, SourceRobot
 
 _HEAD = 20_000  # bytes of a DAE file, which its asset element is within
 _GREY = (0.7, 0.7, 0.7, 1.0)
@@ -43,11 +43,22 @@ class Part:
         return Part(vertices, self.faces, self.rgba)
 
 
+Looks = Mapping[str, Sequence[Part]]  # link to its real look, in its frame
+
+
+def vertices_of(
+    parts: Sequence[Part], X_AL: RigidTransform | None = None
+) -> np.ndarray:
+    """(N, 3) all vertices of a link's parts, in its frame or in another one A [m]."""
+    vertices = np.concatenate([part.vertices for part in parts])
+    return vertices if X_AL is None else X_AL.multiply(vertices.T).T
+
+
 def triangles_of(parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (N, 3) and faces (M, 3) of all parts together."""
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [part.faces + n for part, n in zip(parts, first, strict=False)]
-    return np.concatenate([part.vertices for part in parts]), np.concatenate(faces)
+    return vertices_of(parts), np.concatenate(faces)
 
 
 def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
@@ -68,20 +79,13 @@ def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
 
 
 def lowest_points(
-    robot: SourceRobot,
-    parts: Mapping[str, Sequence[Part]],
-    positions: Mapping[str, float] | None = None,
+    robot: SourceRobot, parts: Looks, positions: Positions | None = None
 ) -> dict[str, float]:
-    """How low each link that has a look reaches, in the root's frame [m].
-
-    Args:
-        robot: whose links they are.
-        parts: link to its real look, in its frame.
-        positions: joint to position [rad or m]; those not named are at 0.
-    """
-    X = robot.poses(dict(positions or {}))
+    """How low each link that has a look reaches, joints being at zero or where
+    `positions` says [m]."""
+    X = robot.poses(positions)
     return {
-        link: float(min(X[link].multiply(p.vertices.T)[2].min() for p in of_link))
+        link: float(vertices_of(of_link, X[link])[:, 2].min())
         for link, of_link in parts.items()
         if of_link
     }
@@ -117,9 +121,8 @@ def guess_up_axis(robot: SourceRobot) -> tuple[str, str] | None:
         joints = [joint.X_PC.translation() for joint in robot.children(name)]
         p_L = np.array([np.zeros(3), *joints])
         for reading in apart:
-            parts = link_parts(link, reading)
-            lower = np.min([part.vertices.min(axis=0) for part in parts], axis=0)
-            upper = np.max([part.vertices.max(axis=0) for part in parts], axis=0)
+            vertices = vertices_of(link_parts(link, reading))
+            lower, upper = vertices.min(axis=0), vertices.max(axis=0)
             outside = np.maximum(np.maximum(lower - p_L, p_L - upper), 0.0)
             apart[reading] += float(np.linalg.norm(outside, axis=1).sum())
     if not told:

@@ -10,11 +10,14 @@ from pydrake.multibody.plant import MultibodyPlant
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import RootPose, find_joint
 from crar_drake.robot_import.alarms import joints_between
-from crar_drake.robot_import.anatomy import AWAY, Anatomy, find_anatomy, guess_rest
+from crar_drake.robot_import.anatomy import AWAY, Arms, find_anatomy, guess_rest
+from crar_drake.robot_import.capsule_fitting import Capsules
+from crar_drake.robot_import.choices import FrameChoice
+from crar_drake.robot_import.import_report import ImportReport
 from crar_drake.robot_import.leg_and_head_frames import bent_knees
-from crar_drake.robot_import.meshes import lowest_points
+from crar_drake.robot_import.meshes import Looks, lowest_points
 from crar_drake.robot_import.pair_sampling import CLEAR, gaps
-from crar_drake.robot_import.source_robot import WORLD, SourceRobot
+from crar_drake.robot_import.source_robot import WORLD, Positions, SourceRobot
 
 # How far arms are from the trunk at rest and how far hips roll outwards, tried in turn
 # until nothing touches [rad].
@@ -32,14 +35,19 @@ def rest_root_pose(robot: SourceRobot, height: float) -> RootPose:
     )
 
 
-def guess_rest_posture(robot, locked, parts, capsules, choices, report) -> None:
+def guess_rest_posture(
+    robot: SourceRobot, locked: Positions, parts: Looks, report: ImportReport
+) -> None:
     """Fills in the rest posture where the import file leaves it out."""
+    choices = report.choices
     if choices.rest_posture is not None:
         return
     anatomy = find_anatomy(robot)
     own = bool(choices.srdf and robot.posture)
     if anatomy and not own:
-        rest, knees = _clear_rest(robot, anatomy, locked, capsules, choices.frames)
+        rest, knees = _clear_rest(
+            robot, anatomy, locked, report.capsules(), choices.frames
+        )
         also = " and knees" if knees else ""
         how = f"arms a little out, elbows{also} bent, standing on the ground"
     else:
@@ -59,7 +67,11 @@ def guess_rest_posture(robot, locked, parts, capsules, choices, report) -> None:
 
 
 def _clear_rest(
-    robot, anatomy: Anatomy, locked, capsules, frames
+    robot: SourceRobot,
+    anatomy: Arms,
+    locked: Positions,
+    capsules: Capsules,
+    frames: dict[str, FrameChoice],
 ) -> tuple[dict[str, float], bool]:
     """The first of some rest postures, arms ever farther out and legs farther apart, in
     which the fewest capsules touch that no hip or shoulder joins; and if knees bend."""
@@ -82,8 +94,9 @@ def _clear_rest(
 
 
 def rest_positions(
-    plant: MultibodyPlant, rest_posture: dict[str, float], file: Path
+    plant: MultibodyPlant, rest_posture: Positions, file: Path
 ) -> np.ndarray:
+    """(nq,) a rest posture in the plant; ModelError if it has no such joint."""
     q = plant.GetPositions(plant.CreateDefaultContext())
     for name, value in rest_posture.items():
         try:

@@ -1,24 +1,17 @@
 """How far the surfaces of two links are apart, by their triangles."""
 
-from collections.abc import Mapping, Sequence
-
-from pydrake.math import RigidTransform
-
-from crar_drake.robot_import.meshes import Part, triangles_of
+from crar_drake.robot_import.meshes import Looks, triangles_of
+from crar_drake.robot_import.source_robot import Poses
 
 
 class Surfaces:
     """Triangles of links, prepared when they are first asked for."""
 
-    def __init__(self, segments: Mapping[str, Sequence[Part]]) -> None:
-        """
-        Args:
-            segments: link to its real look, in its frame.
-        """
+    def __init__(self, segments: Looks) -> None:
         self._segments = segments
         self._trees: dict = {}
 
-    def gap(self, X: Mapping[str, RigidTransform], a: str, b: str) -> float:
+    def gap(self, X: Poses, a: str, b: str) -> float:
         """Distance of two links' nearest triangles; 0 where some intersect [m]."""
         import fcl
 

@@ -1,15 +1,15 @@
 """A first guess at a motion's points on arms, neck and waist, and at a single arm's
 tool."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
 from crar_drake.robot_import.anatomy import (
     FEWEST_JOINTS,
     MIRROR_TOLERANCE,
-    Anatomy,
     Arm,
+    Arms,
     elbow_index,
     find_leg_chains,
     frame_at,
@@ -20,8 +20,8 @@ from crar_drake.robot_import.anatomy import (
     wrist_joint,
 )
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.meshes import Part, lowest_points
-from crar_drake.robot_import.source_robot import Joint, SourceRobot
+from crar_drake.robot_import.meshes import Looks, lowest_points, vertices_of
+from crar_drake.robot_import.source_robot import Joint, Poses, SourceRobot
 
 _TOOLS = ("tcp", "tool", "grasp", "end_effector", "ee_link", "eef")  # best first
 _ON_FLOOR = 0.2  # [m] that a root link on wheels is above the floor, at most
@@ -30,9 +30,7 @@ _TRUNK_SHARE = 0.9  # of a person's arm, from shoulder to wrist
 
 
 def guess_frames(
-    robot: SourceRobot,
-    anatomy: Anatomy,
-    parts: Mapping[str, Sequence[Part]] | None = None,
+    robot: SourceRobot, anatomy: Arms, parts: Looks | None = None
 ) -> dict[str, FrameChoice]:
     """The points that a motion of joint centres needs, on the robot.
 
@@ -46,16 +44,10 @@ def guess_frames(
     other it is the axes' points that are nearest to the shoulder.
     Neck: between the shoulders. Waist: the root link, or where a body has it if that is
     on wheels, below all of the robot or elsewhere far from there.
-
-    Args:
-        robot: in a frame whose x axis is its front.
-        anatomy: its arms.
-        parts: link to its real look, in its frame; without it, floor and tips are
-            unknown.
     """
     X, parts = robot.poses(), parts or {}
     frames = {}
-    arms = {"left": anatomy.left, "right": anatomy.right}
+    arms = anatomy._asdict()
     elbows = {side: elbow_index(X, arm) for side, arm in arms.items()}
     wrists = {side: wrist_joint(X, arm, elbows[side]) for side, arm in arms.items()}
     shoulders = {side: shoulder_point(X, arm) for side, arm in arms.items()}
@@ -83,7 +75,7 @@ def guess_frames(
     p_waist = _waist_above_wheels(robot, anatomy, p_neck, parts)
     if p_waist is None:
         limbs = [("shoulder", "elbow"), ("elbow", "wrist")]
-        p = {name: X[f.link].multiply(np.array(f.point)) for name, f in frames.items()}
+        p = {name: frame.place(X) for name, frame in frames.items()}
         arm_length = sum(
             np.linalg.norm(p[f"left_{a}"] - p[f"left_{b}"]) for a, b in limbs
         )
@@ -99,7 +91,9 @@ def guess_frames(
     return {name: frames[name] for name in (*order, *sorted(set(frames) - set(order)))}
 
 
-def _on_axes(X, joints: Iterable[Joint], p_shoulders: Iterable[np.ndarray]) -> list:
+def _on_axes(
+    X: Poses, joints: Iterable[Joint], p_shoulders: Iterable[np.ndarray]
+) -> list[np.ndarray]:
     """The origins of a left joint and a right one if they mirror each other, else the
     points of their axes that are nearest to the shoulders; in the root's frame."""
     joints = list(joints)
@@ -115,25 +109,23 @@ def _on_axes(X, joints: Iterable[Joint], p_shoulders: Iterable[np.ndarray]) -> l
     ]
 
 
-def _forearm_tip(X, arm: Arm, elbow: int, parts) -> np.ndarray | None:
+def _forearm_tip(X: Poses, arm: Arm, elbow: int, parts: Looks) -> np.ndarray | None:
     """Where a forearm's wrist would be that has no hand: 80 % of the way to its tip.
 
     None where the hand is a link of its own, away from the elbow, or has no look.
     """
     p_elbow = X[arm.joints[elbow].child].translation()
-    points = [
-        X[arm.hand].multiply(part.vertices.T).T for part in parts.get(arm.hand, ())
-    ]
-    if np.linalg.norm(X[arm.hand].translation() - p_elbow) > 0.03 or not points:
+    look = parts.get(arm.hand)
+    if np.linalg.norm(X[arm.hand].translation() - p_elbow) > 0.03 or not look:
         return None
-    from_elbow = np.concatenate(points) - p_elbow
+    from_elbow = vertices_of(look, X[arm.hand]) - p_elbow
     reach = np.linalg.norm(from_elbow, axis=1)
     # The middle of what is near the tip, not its outermost corner.
     tip = from_elbow[reach > 0.9 * reach.max()].mean(axis=0)
     return p_elbow + 0.8 * tip
 
 
-def on_wheels(robot: SourceRobot, parts: Mapping[str, Sequence[Part]]) -> bool:
+def on_wheels(robot: SourceRobot, parts: Looks) -> bool:
     """Whether the root link is on the floor, with wheels around it or a name so."""
     bottoms = lowest_points(robot, parts).values()
     if not bottoms:
@@ -149,7 +141,9 @@ def _waist_above(floor: float, p_neck: np.ndarray) -> np.ndarray:
     return np.array([*p_neck[:2], floor + _WAIST_SHARE * (p_neck[2] - floor)])
 
 
-def _waist_above_wheels(robot, anatomy: Anatomy, p_neck, parts) -> np.ndarray | None:
+def _waist_above_wheels(
+    robot: SourceRobot, anatomy: Arms, p_neck: np.ndarray, parts: Looks
+) -> np.ndarray | None:
     """The waist of a robot whose root is on wheels; None for others.
 
     It is where the trunk turns, if that is at a waist's height, else at a person's
@@ -172,7 +166,7 @@ def _waist_above_wheels(robot, anatomy: Anatomy, p_neck, parts) -> np.ndarray | 
 
 
 def _waist_far_from_root(
-    robot: SourceRobot, anatomy: Anatomy, p_neck: np.ndarray, arm_length: float
+    robot: SourceRobot, anatomy: Arms, p_neck: np.ndarray, arm_length: float
 ) -> np.ndarray | None:
     """The waist of a robot whose root link is not near where a body has it; else None.
 

@@ -23,13 +23,14 @@ from crar_drake.errors import MotionError, WriteError
 from crar_drake.files import whole_file
 from crar_drake.motion.catalogue import (
     SEARCH_PATH_VARIABLE,
+    KnownTrial,
     MotionFiles,
     cache_folder,
+    known_trials,
     trial_files,
     trial_id,
 )
 from crar_drake.motion.formats.asf_amc import read_amc, read_asf
-from crar_drake.motion.known_trials import KnownTrial, known_trials
 
 DATABASE_URL = "http://mocap.cs.cmu.edu"
 

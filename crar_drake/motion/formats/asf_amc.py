@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn, TextIO
+from typing import Any, NoReturn, TextIO
 
 import numpy as np
 
@@ -156,12 +156,6 @@ class _Lines:
 
     def numbers(self, words: list[str]) -> list[float]:
         """Returns the words as finite numbers."""
-        try:
-            values = [float(word) for word in words]
-            if math.isfinite(sum(values)):
-                return values
-        except ValueError:
-            pass
         values = []
         for word in words:
             try:
@@ -207,17 +201,13 @@ class _AsfParser:
         self.name = lines.path.stem
         self.length_unit: float | None = None
         self.angle_unit = "degrees"
-        self.seen: set[str] = set()
-        self.raw_bones: dict[str, dict[str, list[str]]] = {}
-        self.bone_lines: dict[str, int] = {}
-        self.parents: dict[str, str] = {}
-        self.children: dict[str, list[str]] = {}
-        self.block: dict[str, list[str]] | None = None
-        self.block_line = 0
+        self.blocks: dict[str, dict[str, Any]] = {}  # of the bones, by name
+        self.block: dict[str, Any] | None = None  # that is open, and its line
         self.last_key = ""
+        self.parents: dict[str, str] = {}
 
     def parse(self) -> Skeleton:
-        section = ""
+        section, seen = "", set()
         handlers = {
             "units": self.on_units,
             "root": self.on_root,
@@ -226,12 +216,9 @@ class _AsfParser:
         }
         for words in self.lines:
             if words[0].startswith(":"):
-                if self.block is not None:
-                    self.lines.fail(
-                        f"the bone begun on line {self.block_line} has no end"
-                    )
+                self.check_closed("has no end")
                 section = words[0][1:].lower()
-                self.seen.add(section)
+                seen.add(section)
                 if section == "name" and len(words) > 1:
                     self.name = " ".join(words[1:])
             elif not section:
@@ -243,11 +230,11 @@ class _AsfParser:
                 handlers[section](words)
         if self.block is not None:
             self.lines.fail(
-                f"the file ends inside the bone begun on line {self.block_line}; "
+                f"the file ends inside the bone begun on line {self.block['line']}; "
                 f"it seems cut off"
             )
         for needed in ("root", "bonedata", "hierarchy"):
-            if needed not in self.seen:
+            if needed not in seen:
                 self.lines.fail(f"the skeleton has no :{needed} section")
         if self.length_unit is None:
             self.lines.fail(
@@ -257,6 +244,11 @@ class _AsfParser:
         return Skeleton(
             self.name, self.ordered_bones(), self.length_unit, self.angle_unit
         )
+
+    def check_closed(self, what: str) -> None:
+        """Fails if a bone is open; `what` is said of it."""
+        if self.block is not None:
+            self.lines.fail(f"the bone begun on line {self.block['line']} {what}")
 
     @property
     def radians_per_unit(self) -> float:
@@ -302,10 +294,8 @@ class _AsfParser:
     def on_bonedata(self, words: list[str]) -> None:
         key = words[0].lower()
         if key == "begin":
-            if self.block is not None:
-                self.lines.fail(f"the bone begun on line {self.block_line} has no end")
-            self.block, self.block_line = {}, self.lines.number
-            self.last_key = ""
+            self.check_closed("has no end")
+            self.block, self.last_key = {"line": self.lines.number}, ""
         elif self.block is None:
             self.lines.fail(f"expected begin, found {shown(words[0])}")
         elif key == "end":
@@ -315,53 +305,53 @@ class _AsfParser:
                 self.lines.fail("a pair of limits without the word limits before it")
             self.block["limits"] += words
         else:
-            # Values are checked here, while the line number is at hand.
-            if key == "direction":
-                self.values(words, 3)
-            elif key == "length":
-                self.values(words, 1)
-            elif key == "axis":
-                self.values(words[:4], 3)
-                self.check_axis_order(words[4:])
-            elif key == "dof":
-                for name in words[1:]:
-                    if name.lower() not in _DOF_NAMES:
-                        self.lines.fail(
-                            f"dof {shown(name)} is not supported, only rx ry rz"
-                        )
-                if len({name.lower() for name in words[1:]}) < len(words) - 1:
-                    self.lines.fail("a dof is listed twice")
-            elif key == "name" and len(words) != 2:
+            self.block[key], self.last_key = self.bone_entry(key, words), key
+
+    def bone_entry(self, key: str, words: list[str]) -> Any:
+        """What a line of a bone says, checked while its number is at hand."""
+        if key == "direction":
+            return self.values(words, 3)
+        if key == "length":
+            return self.values(words, 1)[0]
+        if key == "axis":
+            values = self.values(words[:4], 3)
+            self.check_axis_order(words[4:])
+            return values
+        if key == "dof":
+            names = tuple(word.lower() for word in words[1:])
+            for name in words[1:]:
+                if name.lower() not in _DOF_NAMES:
+                    self.lines.fail(
+                        f"dof {shown(name)} is not supported, only rx ry rz"
+                    )
+            if len(set(names)) < len(names):
+                self.lines.fail("a dof is listed twice")
+            return names
+        if key == "name":
+            if len(words) != 2:
                 self.lines.fail("a bone needs one name without spaces")
-            self.block[key] = words[1:]
-            self.last_key = key
+            return words[1]
+        return words[1:]
 
     def end_bone(self) -> None:
-        assert self.block is not None
         for needed in ("name", "direction", "length", "axis"):
             if needed not in self.block:
-                self.lines.fail(
-                    f"the bone begun on line {self.block_line} has no {needed}"
-                )
-        name = self.block["name"][0]
-        if name in self.raw_bones or name == "root":
+                self.check_closed(f"has no {needed}")
+        name, length = self.block["name"], self.block["length"]
+        if name in self.blocks or name == "root":
             self.lines.fail(f"bone {shown(name)} is defined twice")
-        direction = [float(word) for word in self.block["direction"]]
-        length = float(self.block["length"][0])
-        if length < 0.0 or (length > 0.0 and not any(direction)):
+        if length < 0.0 or (length > 0.0 and not any(self.block["direction"])):
             self.lines.fail(
                 f"bone {name} needs a length >= 0 and a direction other than 0 0 0"
             )
-        self.raw_bones[name] = self.block
-        self.bone_lines[name] = self.block_line
-        self.block = None
+        self.blocks[name], self.block = self.block, None
 
     def on_hierarchy(self, words: list[str]) -> None:
         if words[0].lower() in ("begin", "end"):
             return
         parent, *children = words
         for name in words:
-            if name != "root" and name not in self.raw_bones:
+            if name != "root" and name not in self.blocks:
                 what = "parent" if name == parent else "bone"
                 self.lines.fail(
                     f"the hierarchy names the {what} {shown(name)}, which "
@@ -371,19 +361,21 @@ class _AsfParser:
             if child == "root" or child in self.parents:
                 self.lines.fail(f"bone {child} has two parents in the hierarchy")
             self.parents[child] = parent
-            self.children.setdefault(parent, []).append(child)
 
     def ordered_bones(self) -> dict[str, Bone]:
         """Returns the bones from the root outwards."""
         bones: dict[str, Bone] = {}
-        waiting = list(reversed(self.children.get("root", [])))
+        waiting = ["root"]
         while waiting:
             name = waiting.pop()
-            bones[name] = self.make_bone(name)
-            waiting += reversed(self.children.get(name, []))
-        for name, line in self.bone_lines.items():
+            if name != "root":
+                bones[name] = self.make_bone(name)
+            waiting += [
+                c for c, parent in reversed(self.parents.items()) if parent == name
+            ]
+        for name, block in self.blocks.items():
             if name not in bones:
-                self.lines.number = line
+                self.lines.number = block["line"]
                 self.lines.fail(
                     f"bone {name} has no way to the root in :hierarchy; give it a "
                     f"parent there or remove the bone"
@@ -393,18 +385,18 @@ class _AsfParser:
         return bones
 
     def make_bone(self, name: str) -> Bone:
-        raw = self.raw_bones[name]
-        direction = np.array(raw["direction"], dtype=float)
+        block = self.blocks[name]
+        direction = np.array(block["direction"])
         norm = np.linalg.norm(direction)
-        dof = tuple(word.lower() for word in raw.get("dof", []))
+        dof = block.get("dof", ())
         return Bone(
             name=name,
             parent=self.parents[name],
             direction=direction / norm if norm > 0.0 else direction,
-            length=float(raw["length"][0]) * INCH / self.length_unit,
-            axis=np.array(raw["axis"][:3], dtype=float) * self.radians_per_unit,
+            length=block["length"] * INCH / self.length_unit,
+            axis=np.array(block["axis"]) * self.radians_per_unit,
             dof=dof,
-            limits=self.limits(raw.get("limits", []), len(dof)),
+            limits=self.limits(block.get("limits", []), len(dof)),
         )
 
     def limits(self, words: list[str], count: int) -> tuple[tuple[float, float], ...]:

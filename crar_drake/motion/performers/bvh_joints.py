@@ -7,8 +7,7 @@ import numpy as np
 from crar_drake.errors import MotionError
 from crar_drake.motion.file_frame import seems_mirrored
 from crar_drake.motion.formats.bvh import Bvh, BvhPoses
-from crar_drake.motion.joint_file import load_joint_file
-from crar_drake.motion.joint_names import joints_by_name
+from crar_drake.motion.joint_names import joints_by_name, load_joint_file
 from crar_drake.motion.joint_topology import Limbs, find_limbs
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import ARM, LEG, SIDES

@@ -370,9 +370,8 @@ class _AsfParser:
             name = waiting.pop()
             if name != "root":
                 bones[name] = self.make_bone(name)
-            waiting += [
-                c for c, parent in reversed(self.parents.items()) if parent == name
-            ]
+            inwards = reversed(self.parents.items())
+            waiting += [child for child, parent in inwards if parent == name]
         for name, block in self.blocks.items():
             if name not in bones:
                 self.lines.number = block["line"]

@@ -6,9 +6,8 @@ import numpy as np
 
 from crar_drake.robot_import.anatomy import Arms, find_leg_chains, joint_axis
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.meshes import Looks, lowest_points
+from crar_drake.robot_import.meshes import Looks, Surfaces, lowest_points
 from crar_drake.robot_import.source_robot import Positions, SourceRobot
-from crar_drake.robot_import.surface_distances import Surfaces
 
 # Ratios of lengths that the limbs of a person, and of the robots that are like one,
 # are far inside of.

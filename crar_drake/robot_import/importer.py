@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from crar_drake.errors import ModelError, nearest
+from crar_drake.errors import ModelError
 from crar_drake.files import whole_set, write_whole
 from crar_drake.robot.description import IMPORT_FILE, RobotDescription, add_robot
 from crar_drake.robot_import.alarms import (
@@ -237,12 +237,6 @@ def _make(
         description.root = "prescribed"
         description.root_pose = rest_root_pose(robot, height)
     plant = _parse(description)
-    for link in choices.soles:
-        if not plant.HasBodyNamed(link):
-            raise ModelError(
-                f"{file}: soles: the robot has no link {link!r}"
-                f"{nearest(link, robot.links)}"
-            )
     rest = rest_positions(plant, rest_posture, file)
     # With all triangles held there is nothing to be closer.
     if not choices.cover:

@@ -1,19 +1,25 @@
 """What links are made of: capsules that others enclose, inertias that dynamics need."""
 
 import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.tree import RotationalInertia
 
 from crar_drake.robot_import.capsule_fitting import coverage
 from crar_drake.robot_import.covering import covered
 from crar_drake.robot_import.import_report import ImportReport
-from crar_drake.robot_import.inertias import read_inertia, stand_in
-from crar_drake.robot_import.meshes import Looks, vertices_of
+from crar_drake.robot_import.meshes import Looks, Part, convex_hulls, vertices_of
 from crar_drake.robot_import.source_robot import (
     WORLD,
     Inertia,
+    Link,
     Positions,
     SourceRobot,
 )
 from crar_drake.robot_import.structure import welded_groups
+
+_DENSITY = 500.0  # [kg/m^3] of a link without a mass: a hollow shell
+_SMALL_MASS = 1e-3  # [kg]
+_SMALL_INERTIA = 1e-6  # [kg m^2]
 
 
 def find_covered(
@@ -102,3 +108,42 @@ def find_inertias(
     if robot.root not in massive and robot.root != WORLD:
         inertias[robot.root] = stand_in([], 0.0)
     return inertias
+
+
+def read_inertia(link: Link) -> tuple[Inertia | None, str]:
+    """The link's own inertia, and what is wrong with it ("" if nothing)."""
+    inertia = link.inertia
+    if inertia is None:
+        return None, "has no inertia"
+    if inertia.mass <= 0.0:
+        return None, "has no mass"
+    if not inertia.moments.any():
+        return None, f"has {inertia.mass:g} kg but an inertia of zero"
+    if not _is_possible(inertia.moments):
+        return None, f"has an inertia that no body of {inertia.mass:g} kg can have"
+    return inertia, ""
+
+
+def stand_in(parts: list[Part], mass: float) -> Inertia:
+    """An inertia from the link's convex hulls, with the given mass if there is one."""
+    import trimesh
+
+    hulls = convex_hulls(parts)
+    if not hulls:
+        mass = mass or _SMALL_MASS
+        return Inertia(mass, RigidTransform(), np.eye(3) * _SMALL_INERTIA)
+    hull = trimesh.util.concatenate([trimesh.Trimesh(*each) for each in hulls])
+    hull.density = mass / hull.volume if mass else _DENSITY
+    moments = np.asarray(hull.moment_inertia)
+    return Inertia(float(hull.mass), RigidTransform(hull.center_mass), moments)
+
+
+def _is_possible(moments: np.ndarray) -> bool:
+    if not np.isfinite(moments).all():
+        return False
+    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = moments
+    try:
+        inertia = RotationalInertia(ixx, iyy, izz, ixy, ixz, iyz)
+        return bool(inertia.CouldBePhysicallyValid())
+    except RuntimeError:
+        return False

@@ -17,7 +17,13 @@ from pydrake.math import RigidTransform
 from crar_drake.errors import ModelError
 from crar_drake.files import write_whole
 from crar_drake.robot.mesh_files import Y_UP, Z_UP, read_meshes
-from crar_drake.robot_import.source_robot import Link, Positions, Shape, SourceRobot
+from crar_drake.robot_import.source_robot import (
+    Link,
+    Poses,
+    Positions,
+    Shape,
+    SourceRobot,
+)
 
 _HEAD = 20_000  # bytes of a DAE file, which its asset element is within
 _GREY = (0.7, 0.7, 0.7, 1.0)
@@ -59,6 +65,41 @@ def triangles_of(parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [part.faces + n for part, n in zip(parts, first, strict=False)]
     return vertices_of(parts), np.concatenate(faces)
+
+
+class Surfaces:
+    """How far links are apart by their triangles, which are prepared when they are
+    first asked for."""
+
+    def __init__(self, segments: Looks) -> None:
+        self._segments = segments
+        self._trees: dict = {}
+
+    def gap(self, X: Poses, a: str, b: str) -> float:
+        """Distance of two links' nearest triangles; 0 where some intersect [m]."""
+        import fcl
+
+        placed = [
+            fcl.CollisionObject(
+                self._tree(name),
+                fcl.Transform(X[name].rotation().matrix(), X[name].translation()),
+            )
+            for name in (a, b)
+        ]
+        found = fcl.distance(*placed, fcl.DistanceRequest(), fcl.DistanceResult())
+        return max(0.0, float(found))
+
+    def _tree(self, name: str):
+        import fcl
+
+        if name not in self._trees:
+            vertices, faces = triangles_of(self._segments[name])
+            tree = fcl.BVHModel()
+            tree.beginModel(len(vertices), len(faces))
+            tree.addSubModel(vertices, faces)
+            tree.endModel()
+            self._trees[name] = tree
+        return self._trees[name]
 
 
 def link_parts(link: Link, up_axis: str = "z") -> list[Part]:

@@ -160,20 +160,14 @@ def check_structure(robot: SourceRobot, report: ImportReport) -> dict[str, float
                 f"{nearest(name, robot.joints)}"
             )
     for point, frame in choices.frames.items():
-        if frame.link not in robot.links:
-            raise ModelError(
-                f"{file}: frames: {point}: the robot has no link {frame.link!r}"
-                f"{nearest(frame.link, robot.links)}"
-            )
+        _check_link(robot, frame.link, f"{file}: frames: {point}")
+    for link in choices.soles:
+        _check_link(robot, link, f"{file}: soles")
     group = welded_groups(robot, locked)
     taken: set[str] = set()
     for name, others in choices.segments.items():
         for link in (name, *others):
-            if link not in robot.links:
-                raise ModelError(
-                    f"{file}: segments: the robot has no link {link!r}"
-                    f"{nearest(link, robot.links)}"
-                )
+            _check_link(robot, link, f"{file}: segments")
             if link in taken:
                 raise ModelError(f"{file}: segments: {link!r} is there twice")
             if group[link] != group[name]:
@@ -224,6 +218,13 @@ def check_structure(robot: SourceRobot, report: ImportReport) -> dict[str, float
     if all(j.kind == "fixed" or j.name in locked for j in robot.joints.values()):
         raise ModelError(f"{file}: no joint is left to control; take some from locked")
     return locked
+
+
+def _check_link(robot: SourceRobot, link: str, where: str) -> None:
+    if link not in robot.links:
+        raise ModelError(
+            f"{where}: the robot has no link {link!r}{nearest(link, robot.links)}"
+        )
 
 
 def merge_segments(

@@ -14,7 +14,7 @@ from crar_drake.robot_import.alarms import joints_between
 from crar_drake.robot_import.capsule_fitting import Capsules
 from crar_drake.robot_import.import_report import ImportReport
 from crar_drake.robot_import.link_fits import LinkFits
-from crar_drake.robot_import.meshes import Looks
+from crar_drake.robot_import.meshes import Looks, Surfaces
 from crar_drake.robot_import.pair_sampling import (
     CLEAR,
     NEAR,
@@ -23,7 +23,6 @@ from crar_drake.robot_import.pair_sampling import (
     position_ranges,
 )
 from crar_drake.robot_import.source_robot import Positions, SourceRobot
-from crar_drake.robot_import.surface_distances import Surfaces
 from crar_drake.robot_import.watched_pairs import adjacent_pairs
 
 # What the excess is multiplied by, until it helps.

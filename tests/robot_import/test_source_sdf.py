@@ -25,7 +25,7 @@ from source_robots import random_positions, spatial_inertia
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import add_robot, load_robot_description
 from crar_drake.robot_import import import_robot
-from crar_drake.robot_import.inertias import read_inertia
+from crar_drake.robot_import.link_bodies import read_inertia
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.robot_files import default_name, find_urdf
 from crar_drake.robot_import.source_file import read_robot

@@ -6,30 +6,27 @@ with at least four joints. The robot is to be given in a frame with x forward an
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.source_robot import Joint, Poses, Positions, SourceRobot
+from crar_drake.robot_import.source_robot import Joint, Poses, SourceRobot
 
 FEWEST_JOINTS = 4  # of an arm
 _ENOUGH = 6  # joints of an arm, for any pose of its hand
 _LEG_WORDS = ("leg", "hip", "knee", "ankle", "foot", "thigh", "calf", "shank")
 _ARM_WORDS = ("arm", "shoulder", "elbow", "wrist", "hand")
-AWAY = 0.25  # [rad] of an arm from the trunk, at rest
-_BENT = 0.6  # [rad] of an elbow, at rest
-_EVEN = 0.05  # by which an elbow's ranges both ways differ that are as large
-_MOVES = 1e-3  # [m] a wrist, at least, if it says which way an elbow is to bend
 MIRROR_TOLERANCE = 0.03  # [m]
 _SAME = 2e-3  # [m] between a link's origin and that of its twin's image
 _MIRROR, _HALF_TURN = (1, -1, 1), (-1, -1, 1)
 _GRIPS, _TURNS = ("grip", "jaw", "claw"), ("yaw", "roll", "pitch", "wrist", "rot")
 _HAND_SHARE = 0.5  # of the way from the root that fingers reach beyond it, at most
 _ASIDE = 0.02  # [m] between the first joints of two arms, at least
-_UNEVEN = 2.0  # upper arm over forearm, or the other way
+_UNEVEN = 2.0  # upper arm over forearm, or thigh over shank, or the other way
+LATERAL = 0.8  # of a knee's axis, along the left; of a roll's, ahead
 
 
 @dataclass(frozen=True)
@@ -332,78 +329,6 @@ def welded_below(robot: SourceRobot, link: str) -> list[str]:
     return found
 
 
-def guess_rest(
-    robot: SourceRobot,
-    anatomy: Arms | None,
-    locked: Positions,
-    away: float = AWAY,
-    frames: Mapping[str, FrameChoice] | None = None,
-) -> dict[str, float]:
-    """Arms a little `away` [rad] from the trunk and elbows bent: clear of limits, of
-    the trunk, and of the singular pose of a straight arm. A robot without a pair of
-    arms has its joints as the file's own posture, else in the middle of their ranges.
-
-    An elbow bends to where its range is larger; if that is as large both ways, as a
-    person's: the wrist goes ahead or, where it moves more that way, up. Wrists are
-    where the motion's points `frames` say, else at the hands.
-    """
-    rest = {}
-    for joint in robot.joints.values():
-        if not joint.moves or joint.name in locked:
-            continue
-        if anatomy is None and robot.posture:
-            own = robot.posture.get(joint.name, 0.0)
-            rest[joint.name] = float(np.clip(own, joint.lower, joint.upper))
-        elif anatomy is None and np.isfinite(joint.upper - joint.lower):
-            rest[joint.name] = (joint.lower + joint.upper) / 2.0
-        else:
-            inside = min(0.05, (joint.upper - joint.lower) / 4.0)
-            rest[joint.name] = float(
-                np.clip(0.0, joint.lower + inside, joint.upper - inside)
-            )
-    X_zero = robot.poses()
-    posture = {**locked, **rest}
-    sides = zip(anatomy or (), ("left", "right"), (1.0, -1.0), strict=False)
-    for arm, side, outwards in sides:
-        elbow = elbow_index(X_zero, arm)
-        moved = {}
-        for joint in (j for j in arm.joints[:elbow] if j.name in rest):
-            for angle in (-away, away):
-                there = rest[joint.name] + angle
-                if joint.lower < there < joint.upper:
-                    X = robot.poses({**posture, joint.name: there})
-                    y = X[arm.joints[elbow].child].translation()[1]
-                    moved[outwards * y] = (joint.name, there)
-        if moved:
-            name, there = moved[max(moved)]
-            rest[name] = there
-        bend = arm.joints[elbow]
-        if bend.name not in rest:
-            continue
-        wrist = (frames or {}).get(f"{side}_wrist", FrameChoice(arm.hand))
-        rest[bend.name] = _bent_elbow(robot, {**locked, **rest}, bend, wrist)
-    return {name: round(value, 4) for name, value in rest.items() if value}
-
-
-def _bent_elbow(
-    robot: SourceRobot, posture: Positions, elbow: Joint, wrist: FrameChoice
-) -> float:
-    """Where an elbow is bent [rad], see `guess_rest`."""
-    here = posture[elbow.name]
-    fewer, more = np.clip([here - _BENT, here + _BENT], elbow.lower, elbow.upper)
-    to_more = elbow.upper > -elbow.lower
-    if np.isclose(elbow.upper, -elbow.lower, rtol=_EVEN):
-        places = [
-            wrist.place(robot.poses({**posture, elbow.name: angle}))
-            for angle in (fewer, more)
-        ]
-        x, _, z = places[1] - places[0]
-        ahead = x if abs(x) > abs(z) else z
-        if abs(ahead) > _MOVES:
-            to_more = ahead > 0.0
-    return float(more if to_more else fewer)
-
-
 def elbow_index(X: Poses, arm: Arm) -> int:
     """Which joint of an arm is the elbow.
 
@@ -432,6 +357,22 @@ def elbow_index(X: Poses, arm: Arm) -> int:
         if index in uneven:
             return index
     return min(uneven, key=uneven.get) if uneven else usual[0]
+
+
+def knee_index(X: Poses, leg: Arm) -> int | None:
+    """Which joint of a leg is the knee; None if none divides it like one."""
+    p = [X[joint.child].translation() for joint in leg.joints]
+    uneven = {}
+    for index in range(1, len(p) - 1):
+        thigh = np.linalg.norm(p[index] - p[0])
+        shank = np.linalg.norm(p[-1] - p[index])
+        lateral = abs(joint_axis(X, leg.joints[index])[1]) > LATERAL
+        if lateral and min(thigh, shank) > 1e-3:
+            uneven[index] = abs(np.log(thigh / shank))
+    if not uneven:
+        return None
+    best = min(uneven, key=uneven.get)
+    return best if uneven[best] < np.log(_UNEVEN) else None
 
 
 def wrist_joint(X: Poses, arm: Arm, elbow: int) -> Joint | None:

@@ -13,8 +13,8 @@ from crar_drake.robot_import.anatomy import (
     mirrored_chains,
     own_joints,
 )
+from crar_drake.robot_import.body_frames import LEG_POINTS
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.leg_and_head_frames import LEG_POINTS
 from crar_drake.robot_import.source_robot import Joint, Poses, SourceRobot
 
 _SIDES = ("left", "right")

@@ -10,6 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.errors import ModelError
 from crar_drake.files import whole_set, write_whole
+from crar_drake.resources import require_packages
 from crar_drake.robot.description import IMPORT_FILE, RobotDescription, add_robot
 from crar_drake.robot_import.alarms import (
     floor_alarms,
@@ -30,7 +31,6 @@ from crar_drake.robot_import.link_bodies import (
 )
 from crar_drake.robot_import.link_fits import FitCache, LinkFits
 from crar_drake.robot_import.meshes import Part, guess_up_axis, link_parts
-from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.rest_posture import (
     guess_rest_posture,
     rest_positions,

@@ -18,8 +18,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 
 from crar_drake.errors import ModelError
+from crar_drake.resources import require_packages
 from crar_drake.robot_import.meshes import Part, link_parts
-from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.robot_folder import triangles_file
 from crar_drake.robot_import.source_robot import Link, Shape, drake_shape
 

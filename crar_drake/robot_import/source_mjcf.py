@@ -19,13 +19,13 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import ModelError
+from crar_drake.resources import require_packages
 from crar_drake.robot_import.mjcf_model import (
     body_shapes,
     effort_limits,
     keyframe_posture,
     pose_of,
 )
-from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.robot_files import default_name
 from crar_drake.robot_import.source_robot import (
     WORLD,

@@ -9,8 +9,8 @@ import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from crar_drake.errors import ModelError, nearest
-from crar_drake.robot_import.mesh_finder import MeshFinder
 from crar_drake.robot_import.robot_files import (
+    MeshFinder,
     numbers_of,
     one_number,
     read_xml,

@@ -5,18 +5,19 @@ from dataclasses import replace
 from crar_drake.errors import ModelError, nearest
 from crar_drake.robot_import.alarms import coupling_alarms
 from crar_drake.robot_import.anatomy import elbow_index, find_anatomy
+from crar_drake.robot_import.body_frames import (
+    guess_frames,
+    guess_leg_and_head_frames,
+    guess_tool,
+    has_feet,
+)
 from crar_drake.robot_import.choices import ImportChoices
 from crar_drake.robot_import.facing import guess_facing, guess_up, turned
 from crar_drake.robot_import.import_report import ImportReport
 from crar_drake.robot_import.joint_groups import DEFAULT_LOCK, guess_locked
-from crar_drake.robot_import.leg_and_head_frames import (
-    guess_leg_and_head_frames,
-    has_feet,
-)
 from crar_drake.robot_import.meshes import Looks, Part
 from crar_drake.robot_import.source_robot import WORLD, Positions, SourceRobot
 from crar_drake.robot_import.srdf import read_srdf
-from crar_drake.robot_import.upper_body_frames import guess_frames, guess_tool
 
 
 def without_world(robot: SourceRobot, choices: ImportChoices) -> SourceRobot:

@@ -6,18 +6,19 @@ y up. Angles are never clamped to the skeleton's limits: real files exceed them,
 and exceed a full turn as well.
 """
 
+import io
 import math
 import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, TextIO
+from typing import Any, NoReturn
 
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.text_files import shown
+from crar_drake.motion.text_files import read_motion_text, shown
 
 INCH = 0.0254  # [m]
 CMU_LENGTH = 0.45  # the `length` of every CMU skeleton [file units per inch]
@@ -136,18 +137,16 @@ class BonePoses:
 class _Lines:
     """The lines of a text file without comments and blanks, with their numbers."""
 
-    def __init__(self, path: Path, file: TextIO) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
         self.number = 0
-        self._file = file
 
     def __iter__(self) -> Iterator[list[str]]:
-        """Yields each line's words; universal newlines handle LF and CRLF."""
-        for number, line in enumerate(self._file, start=1):
-            self.number = number
-            if "#" in line:
-                line = line[: line.index("#")]
-            words = line.split()
+        """Yields each line's words."""
+        # Unlike `splitlines`, as editors count them.
+        for line in io.StringIO(read_motion_text(self.path)):
+            self.number += 1
+            words = line.partition("#")[0].split()
             if words:
                 yield words
 
@@ -168,16 +167,6 @@ class _Lines:
         return values
 
 
-def _open(path: Path, kind: str) -> TextIO:
-    try:
-        # A stale path in a comment may be in any encoding: never stumble over it.
-        return open(path, encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        raise MotionError(
-            f"{path}: cannot read this {kind}: {error.strerror or error}"
-        ) from error
-
-
 def read_asf(path: str | os.PathLike[str]) -> Skeleton:
     """Reads an Acclaim skeleton.
 
@@ -188,9 +177,7 @@ def read_asf(path: str | os.PathLike[str]) -> Skeleton:
         MotionError: the file is missing, is not an ASF, or its bones do not hang
             together; the message names file and line.
     """
-    path = Path(path)
-    with _open(path, "skeleton") as file:
-        return _AsfParser(_Lines(path, file)).parse()
+    return _AsfParser(_Lines(Path(path))).parse()
 
 
 class _AsfParser:
@@ -455,63 +442,61 @@ def read_amc(
     angle_unit = "degrees"
     stated_rate: float | None = None
 
-    with _open(path, "motion") as file:
-        lines = _Lines(path, file)
+    lines = _Lines(path)
 
-        def check_complete() -> None:
-            missing = [bone for bone in needed if len(columns[bone]) < frames]
-            if missing:
-                more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
-                lines.fail(
-                    f"frame {frames} ends without {', '.join(missing[:4])}{more}; "
-                    f"the file is cut off or belongs to another skeleton than "
-                    f"{shown(skeleton.name)}"
-                )
+    def check_complete() -> None:
+        missing = [bone for bone in needed if len(columns[bone]) < frames]
+        if missing:
+            more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
+            lines.fail(
+                f"frame {frames} ends without {', '.join(missing[:4])}{more}; "
+                f"the file is cut off or belongs to another skeleton than "
+                f"{shown(skeleton.name)}"
+            )
 
-        for words in lines:
-            bone = words[0]
-            if bone in columns and frames > 0:
-                column = columns[bone]
-                if len(words) - 1 != counts[bone]:
-                    lines.fail(
-                        f"{bone} needs {counts[bone]} values on skeleton "
-                        f"{shown(skeleton.name)}, found {len(words) - 1}"
-                    )
-                if len(column) == frames:
-                    lines.fail(f"{bone} appears twice in frame {frames}")
-                column.append(lines.numbers(words[1:]))
-            elif len(words) == 1 and bone.isascii() and bone.isdigit():
-                check_complete()
-                if int(bone) != frames + 1:
-                    lines.fail(
-                        f"frame {bone} where frame {frames + 1} was expected; "
-                        f"frames are numbered from 1 without gaps"
-                    )
-                frames += 1
-            elif bone.startswith(":") and frames == 0:
-                keyword = bone.upper()
-                if keyword in (":DEGREES", ":RADIANS"):
-                    angle_unit = keyword[1:].lower()
-                elif keyword == ":SAMPLES-PER-SECOND":
-                    stated_rate = _stated_rate(lines, words)
-            elif frames == 0:
+    for words in lines:
+        bone = words[0]
+        if bone in columns and frames > 0:
+            column = columns[bone]
+            if len(words) - 1 != counts[bone]:
                 lines.fail(
-                    f"not an AMC motion: expected frame number 1, found {shown(bone)}"
+                    f"{bone} needs {counts[bone]} values on skeleton "
+                    f"{shown(skeleton.name)}, found {len(words) - 1}"
                 )
-            elif bone in counts:
+            if len(column) == frames:
+                lines.fail(f"{bone} appears twice in frame {frames}")
+            column.append(lines.numbers(words[1:]))
+        elif len(words) == 1 and bone.isascii() and bone.isdigit():
+            check_complete()
+            if int(bone) != frames + 1:
                 lines.fail(
-                    f"{bone} has no degrees of freedom on skeleton "
-                    f"{shown(skeleton.name)}"
+                    f"frame {bone} where frame {frames + 1} was expected; "
+                    f"frames are numbered from 1 without gaps"
                 )
-            else:
-                lines.fail(
-                    f"bone {shown(bone)} is not in skeleton {shown(skeleton.name)}; "
-                    f"give the motion's own skeleton"
-                )
-        if frames < 2:
-            have = "no frames" if frames == 0 else "a single frame"
-            lines.fail(f"the motion has {have}; at least 2 are needed")
-        check_complete()
+            frames += 1
+        elif bone.startswith(":") and frames == 0:
+            keyword = bone.upper()
+            if keyword in (":DEGREES", ":RADIANS"):
+                angle_unit = keyword[1:].lower()
+            elif keyword == ":SAMPLES-PER-SECOND":
+                stated_rate = _stated_rate(lines, words)
+        elif frames == 0:
+            lines.fail(
+                f"not an AMC motion: expected frame number 1, found {shown(bone)}"
+            )
+        elif bone in counts:
+            lines.fail(
+                f"{bone} has no degrees of freedom on skeleton {shown(skeleton.name)}"
+            )
+        else:
+            lines.fail(
+                f"bone {shown(bone)} is not in skeleton {shown(skeleton.name)}; "
+                f"give the motion's own skeleton"
+            )
+    if frames < 2:
+        have = "no frames" if frames == 0 else "a single frame"
+        lines.fail(f"the motion has {have}; at least 2 are needed")
+    check_complete()
 
     root = np.array(columns.pop("root"))
     rate, rate_source = frame_rate, "given"

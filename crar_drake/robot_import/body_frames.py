@@ -1,5 +1,4 @@
-"""A first guess at a motion's points on arms, neck and waist, and at a single arm's
-tool."""
+"""A first guess at a motion's points on a robot, and at a single arm's tool."""
 
 from collections.abc import Iterable
 
@@ -10,10 +9,12 @@ from crar_drake.robot_import.anatomy import (
     MIRROR_TOLERANCE,
     Arm,
     Arms,
+    axes_crossing,
     elbow_index,
     find_leg_chains,
     frame_at,
     joint_axis,
+    knee_index,
     longest_chains,
     shoulder_point,
     welded_below,
@@ -23,9 +24,12 @@ from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.meshes import Looks, lowest_points, vertices_of
 from crar_drake.robot_import.source_robot import Joint, Poses, SourceRobot
 
+LEG_POINTS = ("hip", "knee", "foot")
+
 _TOOLS = ("tcp", "tool", "grasp", "end_effector", "ee_link", "eef")  # best first
 _ON_FLOOR = 0.2  # [m] that a root link on wheels is above the floor, at most
 _WAIST_SHARE = 0.62  # of a person's neck's height
+_ABOVE = 0.03  # [m] above the shoulders that a head reaches, at least
 _TRUNK_SHARE = 0.9  # of a person's arm, from shoulder to wrist
 
 
@@ -186,6 +190,75 @@ def _waist_far_from_root(
     if 0.25 * arm_length < trunk < 1.5 * arm_length:
         return None
     return p_neck - [0.0, 0.0, _TRUNK_SHARE * arm_length]
+
+
+def guess_leg_and_head_frames(
+    robot: SourceRobot, anatomy: Arms, parts: Looks | None = None
+) -> tuple[dict[str, FrameChoice], list[str]]:
+    """Hips, knees, feet and head, and which of them were not found.
+
+    Knee: origin of the joint with a lateral axis that divides the leg most evenly.
+    Hip: where the axes of the two joints before the knee come nearest.
+    Foot: origin of the last joint, the ankle.
+    Head: middle of what one link has above the shoulders, on both sides of the middle;
+    the link is neither an arm's nor the trunk, and called head or else the largest.
+    """
+    frames: dict[str, FrameChoice] = {}
+    legs = find_leg_chains(robot, anatomy)
+    for side, leg in zip(("left", "right"), legs or (), strict=False):
+        frames |= {f"{side}_{name}": at for name, at in _of_leg(robot, leg).items()}
+    head = _head(robot, anatomy, parts or {})
+    if head is not None:
+        frames["head"] = head
+    wanted = [f"{side}_{name}" for side in ("left", "right") for name in LEG_POINTS]
+    return frames, [name for name in (*wanted, "head") if name not in frames]
+
+
+def has_feet(robot: SourceRobot, anatomy: Arms, parts: Looks) -> bool:
+    """Whether there are two legs, each with something at its end to stand on."""
+    legs = find_leg_chains(robot, anatomy)
+    ends = [leg.joints[-1].child for leg in legs or ()]
+    return bool(ends) and all(
+        any(parts.get(link) for link in (end, *welded_below(robot, end)))
+        for end in ends
+    )
+
+
+def _of_leg(robot: SourceRobot, leg: Arm) -> dict[str, FrameChoice]:
+    X, joints = robot.poses(), leg.joints
+    frames = {"foot": FrameChoice(joints[-1].child)}
+    knee = knee_index(X, leg)
+    if knee is None:
+        return frames
+    frames["knee"] = FrameChoice(joints[knee].child)
+    p_hip = X[joints[0].child].translation()
+    if knee >= 2:
+        p_hip = axes_crossing(X, joints[knee - 2], joints[knee - 1])
+    frames["hip"] = frame_at(X, joints[knee - 1].child, p_hip)
+    return frames
+
+
+def _head(robot: SourceRobot, anatomy: Arms, parts: Looks) -> FrameChoice | None:
+    X = robot.poses()
+    _, middle, shoulders = np.mean(
+        [X[arm.joints[0].child].translation() for arm in anatomy], axis=0
+    )
+    # Neither the arms nor what carries them.
+    apart = {link for arm in anatomy for link in robot.below(arm.joints[0].child)}
+    apart |= {joint.parent for arm in anatomy for joint in robot.path_to(arm.hand)}
+    found = {}
+    for link in robot.below(robot.root):
+        if link in apart or not parts.get(link):
+            continue
+        p = vertices_of(parts[link], X[link])
+        above = p[p[:, 2] > shoulders + _ABOVE]
+        if len(above) and above[:, 1].min() < middle < above[:, 1].max():
+            size = float(np.prod(np.ptp(above, axis=0)))
+            centre = (above.min(axis=0) + above.max(axis=0)) / 2.0
+            found["head" in link.lower(), size] = (link, centre)
+    if not found:
+        return None
+    return frame_at(X, *found[max(found)])
 
 
 def guess_tool(robot: SourceRobot) -> dict[str, FrameChoice]:

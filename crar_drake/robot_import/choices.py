@@ -205,13 +205,8 @@ def load_choices(path: Path) -> ImportChoices:
 
 
 def save_choices(path: Path, choices: ImportChoices, guessed: dict[str, str]) -> None:
-    """Writes what is new into the file and leaves the rest of it as it is.
-
-    Args:
-        path: of the import file; it need not be there yet.
-        choices: complete.
-        guessed: key to how it was guessed, of those that are not in the file.
-    """
+    """Writes what is new into the import file, if there is one, and leaves the rest of
+    it as it is: keys that were guessed, and how."""
     text = path.read_text(encoding="utf-8") if path.is_file() else ""
     if not text:
         text = _HEADER

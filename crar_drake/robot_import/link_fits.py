@@ -25,10 +25,7 @@ class FitCache:
     """Fits by what they were made from: the shapes, the bounds and the code."""
 
     def __init__(self, path: Path) -> None:
-        """
-        Args:
-            path: JSON file; a missing or unreadable one is an empty cache.
-        """
+        """A JSON file; a missing or unreadable one is an empty cache."""
         self._path = path
         self._used: dict[str, list] = {}
         self._code = Path(capsule_fitting.__file__).read_bytes()
@@ -94,13 +91,7 @@ class LinkFits:
         twins: Mapping[str, str],
         cache: FitCache,
     ) -> None:
-        """
-        Args:
-            robot: at zero, one side is the other's image.
-            segments: what capsules are fitted to.
-            twins: link to the same one of the other side.
-            cache: of fits.
-        """
+        """`twins` says which link of the robot's other side is the same one."""
         self._segments, self._cache, self._twins = segments, cache, twins
         self._R = {name: X.rotation().matrix() for name, X in robot.poses().items()}
 

@@ -34,13 +34,8 @@ def link_outlines(
     scene_graph: SceneGraph,
     meshes: list[LinkMesh] | None = None,
 ) -> dict[str, LinkOutline]:
-    """Link to its outline, of those that have a shape.
-
-    Args:
-        plant: finalized; its links have meshes, or else capsules and spheres.
-        scene_graph: where it is registered.
-        meshes: of `read_link_meshes`, if they were read already.
-    """
+    """Link to its outline, of those that have a shape: of a finalized plant whose links
+    have meshes (of `read_link_meshes`, if read already), or capsules and spheres."""
     if has_meshes(plant, scene_graph):
         outlines = {}
         if meshes is None:

@@ -26,15 +26,8 @@ def draw_robot(
     capsules: Capsules,
     points: Mapping[str, np.ndarray],
 ) -> None:
-    """Draws front and side view: the meshes, and over them the capsules and points.
-
-    Args:
-        path: of the PNG.
-        title: over the picture.
-        poses: X_WL of every link.
-        parts, capsules: of every link.
-        points: the motion's points, (3,) each, in W [m].
-    """
+    """Draws front and side view: the meshes, and over them the capsules and the
+    motion's points, (3,) each; these and the poses are in the world W [m]."""
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 

@@ -27,6 +27,12 @@ from crar_drake.robot_import.source_robot import (
     SourceRobot,
 )
 
+# Attributes that are numbers.
+_NUMBERS = (
+    *("xyz", "rpy", "size", "radius", "length", "scale", "value"),
+    *("lower", "upper", "effort", "velocity"),
+)
+
 # Drake's elements that close a chain, which the controller's model has no part for.
 _LOOPS = (
     "drake:linear_bushing_rpy",
@@ -82,7 +88,7 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
             raise ModelError(f"{path}: two joints are named {joint.name!r}")
         joints[joint.name] = joint
     check_tree(path, links, joints)
-    if any("," in text for text in _number_texts(root)):
+    if any("," in element.get(key, "") for element in root.iter() for key in _NUMBERS):
         notes.append(
             "numbers with commas: 1,5 was read as 1.5, and a comma before a space as "
             "nothing"
@@ -98,15 +104,8 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
 
 
 def refuse_loops(root: ElementTree.Element, path: Path) -> None:
-    """Refuses what closes a chain without being a joint.
-
-    Args:
-        root: of a `read_xml`.
-        path: of its file.
-
-    Raises:
-        ModelError: there is such an element; it is named.
-    """
+    """Raises ModelError, which names it, if something of a `read_xml` closes a chain
+    without being a joint."""
     for tag in _LOOPS:
         element = next(root.iter(tag.replace("drake:", "_drake_")), None)
         if element is not None:
@@ -124,15 +123,6 @@ def _naming(path: Path, what: str, element: ElementTree.Element) -> Iterator[Non
     except ValueError as error:
         name = element.get("name") or ""
         raise ModelError(f"{path}: {what} {name!r}: {error}") from error
-
-
-def _number_texts(root: ElementTree.Element) -> Iterator[str]:
-    """The attributes that are numbers, of all elements."""
-    words = ("xyz", "rpy", "size", "radius", "length", "scale", "value", "lower")
-    for element in root.iter():
-        for key in (*words, "upper", "effort", "velocity"):
-            if (text := element.get(key)) is not None:
-                yield text
 
 
 def check_tree(path: Path, links: dict, joints: dict[str, Joint]) -> None:

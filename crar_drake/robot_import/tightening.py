@@ -45,12 +45,7 @@ def tighten(
 ) -> bool:
     """Fits links again that stand in each other's way; whether there are any.
 
-    Args:
-        plant: finalized, made of the robot with its joints locked.
-        robot, locked, segments: what it is made of.
-        rest: (nq,) the rest posture.
-        fits: what fits.
-        report: its fits are changed.
+    The plant is finalized and has the report's capsules; `rest` (nq,) is its posture.
     """
     choices, own = report.choices, report.capsules()
     pairs = [

@@ -28,14 +28,8 @@ _BELOW_SOLES = 0.005
 def choose_pairs(
     plant: MultibodyPlant, robot: SourceRobot, rest: np.ndarray, report: ImportReport
 ) -> list[list[str]]:
-    """Fills in the watched pairs; returns those left out since they touch at rest.
-
-    Args:
-        plant: finalized, with the capsules of the report.
-        robot: that it is made of.
-        rest: (nq,) the rest posture.
-        report: its choices are filled in.
-    """
+    """Fills in the watched pairs; returns those left out since they touch at rest
+    (nq,). The plant is finalized and has the report's capsules."""
     choices, capsules = report.choices, report.capsules()
     for link in itertools.chain(*(choices.pairs or ())):
         if link not in capsules:

@@ -130,11 +130,6 @@ def asf_amc_performer(clip: Clip) -> Performer:
     )
 
 
-def as_performer(motion: Performer | Clip) -> Performer:
-    """Returns the performer of a clip; a performer is itself."""
-    return asf_amc_performer(motion) if isinstance(motion, Clip) else motion
-
-
 def _obstacle(clip: Clip, lowest: float) -> str:
     """Why the clip cannot drive a robot's upper body, or ""."""
     bones = [_BONE_OF[joint] for joint in _UPPER_BODY]

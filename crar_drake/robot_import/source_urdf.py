@@ -87,20 +87,15 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         if joint.name in joints:
             raise ModelError(f"{path}: two joints are named {joint.name!r}")
         joints[joint.name] = joint
-    check_tree(path, links, joints)
     if any("," in element.get(key, "") for element in root.iter() for key in _NUMBERS):
         notes.append(
             "numbers with commas: 1,5 was read as 1.5, and a comma before a space as "
             "nothing"
         )
-    return SourceRobot(
-        robot_name(root.get("name") or "", path),
-        path,
-        links,
-        joints,
-        tuple(notes),
-        tuple(warnings),
-    )
+    name = robot_name(root.get("name") or "", path)
+    robot = SourceRobot(name, path, links, joints, tuple(notes), tuple(warnings))
+    check_tree(robot)
+    return robot
 
 
 def refuse_loops(root: ElementTree.Element, path: Path) -> None:
@@ -125,8 +120,9 @@ def _naming(path: Path, what: str, element: ElementTree.Element) -> Iterator[Non
         raise ModelError(f"{path}: {what} {name!r}: {error}") from error
 
 
-def check_tree(path: Path, links: dict, joints: dict[str, Joint]) -> None:
+def check_tree(robot: SourceRobot) -> None:
     """Raises ModelError: the links are not one tree, or a name is of nothing."""
+    path, links, joints = robot.path, robot.links, robot.joints
     if not links:
         raise ModelError(f"{path}: it has no links")
     parents: dict[str, Joint] = {}
@@ -156,12 +152,8 @@ def check_tree(path: Path, links: dict, joints: dict[str, Joint]) -> None:
             f"{', '.join(tops) or 'none (a closed chain)'}"
         )
     # A ring of joints beside the tree leaves links that no way leads to.
-    seen, stack = set(), [tops[0]]
-    while stack:
-        link = stack.pop()
-        seen.add(link)
-        stack += [joint.child for joint in joints.values() if joint.parent == link]
-    if lost := [name for name in links if name not in seen]:
+    tree = set(robot.below(tops[0]))
+    if lost := [name for name in links if name not in tree]:
         raise ModelError(
             f"{path}: these links form a closed chain, which is not supported: "
             f"{', '.join(lost)}"

@@ -165,13 +165,12 @@ def load_clip(
     """Reads the AMC motion of that name; the clip is called `name`, too.
 
     Args:
-        name: a path, `cmu:` and a trial, or a built-in name.
-        skeleton: the ASF file of a motion given as a path, if not beside it.
+        name, skeleton: as of `resolve`.
         frame_rate: samples per second [Hz]; by default what the file states, else
             that of the CMU database, which is assumed of other files, too.
 
     Raises:
-        MotionError: there is no such motion or skeleton, or a file is damaged.
+        MotionError: as `resolve`, or a file is damaged.
     """
     files = resolve(name, skeleton)
     clip = read_amc(

@@ -58,11 +58,7 @@ def find_unit(
 ) -> tuple[float, Fact, tuple[str, ...]]:
     """Metres in a unit, where that comes from, and doubts.
 
-    Args:
-        p: in the file's units.
-        stated: unit that the file states, a key of UNITS; "" for none.
-        options: of the user.
-        name: of the motion.
+    Lengths of p are in the file's units; it states one of UNITS, or "".
 
     Raises:
         MotionError: no unit makes a person of these legs.
@@ -117,10 +113,8 @@ def find_frame(
 
     Args:
         p: in the file's axes and units.
-        rest: joint to (3,) as the skeleton stands at rest; empty if it does not say.
-        stated: unit that the file states, or "".
-        options: of the user.
-        name: of the motion.
+        rest: as the skeleton stands at rest; empty if it does not say.
+        stated, options, name: as of `find_unit`.
         up_stated: up axis that the file states, or "".
         unit_fact: where the unit comes from, if p is in metres.
 

@@ -126,10 +126,8 @@ def _take_side(words: list[str]) -> tuple[str, list[str]]:
 def joints_by_name(names: Sequence[str]) -> dict[str, int]:
     """Joints (of `performer.JOINTS`, and "left_thumb", ...) to the index of a name.
 
-    Of several names that mean the same the first counts.
-
-    Args:
-        names: of the file's joints, parents first; "" for an end site.
+    Of several names that mean the same the first counts. Parents come first; "" is an
+    end site.
     """
     found: dict[tuple[str, str], int] = {}
     for index, name in enumerate(names):
@@ -182,11 +180,7 @@ JointFile = make_dataclass(
 
 
 def load_joint_file(path: str, names: Sequence[str]) -> dict[str, int]:
-    """Joint to the index of the name that the file gives it.
-
-    Args:
-        path: YAML file, joint: name in the motion file.
-        names: of the motion file.
+    """Joint to the index of the name that a YAML file gives it, of those of the motion.
 
     Raises:
         MotionError: the file cannot be read, or names a joint that there is not.

@@ -52,12 +52,8 @@ class MotionOptions:
                 )
 
     def refuse(self, names: Sequence[str], motion: str) -> None:
-        """Raises MotionError if one of these options is given.
-
-        Args:
-            names: of options that a motion does not leave open.
-            motion: what it is, as in "motion a.amc is an AMC".
-        """
+        """Raises MotionError if one of these options is given, which a motion does not
+        leave open; it says what that is, as in "motion a.amc is an AMC"."""
         for name in names:
             if given := getattr(self, name):
                 raise MotionError(

@@ -54,12 +54,8 @@ def check_described_joints(
 
 
 def joint_units(plant: MultibodyPlant, names: Sequence[str]) -> list[str]:
-    """(n,) "m" for each joint that slides, "rad" for each that turns.
-
-    Args:
-        plant: that has the joints.
-        names: of joints with one position.
-    """
+    """(n,) "m" for each joint that slides, "rad" for each that turns; all have one
+    position."""
     kinds = [plant.GetJointByName(name).type_name() for name in names]
     return ["m" if kind == PrismaticJoint.kTypeName else "rad" for kind in kinds]
 

@@ -14,7 +14,6 @@ import urllib.request
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
 
 import rich.progress
 from rich.console import Console
@@ -46,11 +45,9 @@ _TIMEOUT = 30.0  # without a byte [s]
 _CHUNK = 1 << 16  # [bytes]
 
 
-class ProgressCallback(Protocol):
-    """What `fetch` tells about a download, some times a second."""
-
-    def __call__(self, file: str, done: int, total: int | None) -> None:
-        """Takes the file's name and its bytes so far; total is None if unknown."""
+# What `fetch` tells some times a second: a file's name, its bytes so far, and all of
+# them, None if that is not known.
+ProgressCallback = Callable[[str, int, int | None], None]
 
 
 def fetch(

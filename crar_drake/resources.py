@@ -1,8 +1,13 @@
-"""Where data lies: what is shipped, and what is kept in the user's cache."""
+"""Where data lies: what is shipped, and what is kept in the user's cache; and what an
+extra brings."""
 
+import importlib
+from collections.abc import Mapping
 from pathlib import Path
 
 import platformdirs
+
+from crar_drake.errors import ModelError
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -12,6 +17,32 @@ def install_command(extra: str) -> str:
     checkout = _PACKAGE.parent
     of = str(checkout) if (checkout / "pyproject.toml").is_file() else "crar-drake"
     return f"pip install '{of}[{extra}]'"
+
+
+def require_packages(
+    packages: Mapping[str, str], purpose: str, otherwise: str = ""
+) -> None:
+    """Imports modules, so that one that is missing is told at once.
+
+    Args:
+        packages: module to the package of the extra `robots` that brings it.
+        purpose: what needs them.
+        otherwise: what to do without them, for the end of the message.
+
+    Raises:
+        ModelError: a package is not installed, or is broken.
+    """
+    missing = []
+    for module, package in packages.items():
+        try:
+            importlib.import_module(module)
+        except ImportError:
+            missing.append(package)
+    if missing:
+        raise ModelError(
+            f"{purpose} needs {', '.join(missing)}: "
+            f"{install_command('robots')}{otherwise}"
+        )
 
 
 def data_folder(kind: str) -> Path:

@@ -12,10 +12,13 @@ Everywhere a motion is one of:
 - the name of a motion that this project ships: `dance`.
 """
 
+import csv
 import difflib
+import functools
 import hashlib
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -34,7 +37,6 @@ from crar_drake.motion.formats.smpl import (
     read_wham,
 )
 from crar_drake.motion.formats.trc import read_trc
-from crar_drake.motion.known_trials import known_trials
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
@@ -163,13 +165,12 @@ def load_clip(
     """Reads the AMC motion of that name; the clip is called `name`, too.
 
     Args:
-        name: a path, `cmu:` and a trial, or a built-in name.
-        skeleton: the ASF file of a motion given as a path, if not beside it.
+        name, skeleton: as of `resolve`.
         frame_rate: samples per second [Hz]; by default what the file states, else
             that of the CMU database, which is assumed of other files, too.
 
     Raises:
-        MotionError: there is no such motion or skeleton, or a file is damaged.
+        MotionError: as `resolve`, or a file is damaged.
     """
     files = resolve(name, skeleton)
     clip = read_amc(
@@ -284,6 +285,33 @@ def _skeleton_beside(amc: Path) -> Path:
 
 
 # --- trials of the database -------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class KnownTrial:
+    """Facts about a trial, against which a download is checked.
+
+    Attributes:
+        frames: number of samples.
+        amc_sha256: of the motion file, in hexadecimal.
+        asf_sha256: of the subject's skeleton file, in hexadecimal.
+    """
+
+    frames: int
+    amc_sha256: str
+    asf_sha256: str
+
+
+@functools.cache
+def known_trials() -> Mapping[str, KnownTrial]:
+    """Returns the trials whose checksums are known, by number."""
+    with open(Path(__file__).with_name("known_trials.csv"), encoding="utf-8") as file:
+        return {
+            row["trial"]: KnownTrial(
+                int(row["frames"]), row["amc_sha256"], row["asf_sha256"]
+            )
+            for row in csv.DictReader(file)
+        }
 
 
 def trial_id(text: str) -> str:

@@ -96,5 +96,10 @@ def spline(time: np.ndarray, samples: np.ndarray) -> BsplineTrajectory:
 
 
 def unit_vectors(v: np.ndarray) -> np.ndarray:
-    """(T, 3) directions of v (T, 3); 0 where it is 0."""
-    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-12)
+    """(..., 3) directions of v (..., 3); 0 where it is 0."""
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+
+
+def across(v: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """(..., 3) what is left of v (..., 3) across unit vectors u (..., 3)."""
+    return v - np.sum(v * u, axis=-1, keepdims=True) * u

@@ -14,7 +14,6 @@ import urllib.request
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
 
 import rich.progress
 from rich.console import Console
@@ -23,13 +22,14 @@ from crar_drake.errors import MotionError, WriteError
 from crar_drake.files import whole_file
 from crar_drake.motion.catalogue import (
     SEARCH_PATH_VARIABLE,
+    KnownTrial,
     MotionFiles,
     cache_folder,
+    known_trials,
     trial_files,
     trial_id,
 )
 from crar_drake.motion.formats.asf_amc import read_amc, read_asf
-from crar_drake.motion.known_trials import KnownTrial, known_trials
 
 DATABASE_URL = "http://mocap.cs.cmu.edu"
 
@@ -45,11 +45,9 @@ _TIMEOUT = 30.0  # without a byte [s]
 _CHUNK = 1 << 16  # [bytes]
 
 
-class ProgressCallback(Protocol):
-    """What `fetch` tells about a download, some times a second."""
-
-    def __call__(self, file: str, done: int, total: int | None) -> None:
-        """Takes the file's name and its bytes so far; total is None if unknown."""
+# What `fetch` tells some times a second: a file's name, its bytes so far, and all of
+# them, None if that is not known.
+ProgressCallback = Callable[[str, int, int | None], None]
 
 
 def fetch(
@@ -177,8 +175,8 @@ def _complaint(
 # --- downloading ------------------------------------------------------------------
 
 
-class _TryAgain(Exception):
-    """An attempt failed in a way that may pass; says how."""
+class _CutOff(Exception):
+    """A response ended too early; says where."""
 
 
 def _download(
@@ -189,49 +187,44 @@ def _download(
     sleep: Callable[[float], object],
 ) -> bytes:
     """What is at an address, in several attempts if need be."""
+    request = urllib.request.Request(url, headers={"User-Agent": "crar-drake"})
     for attempt in range(_ATTEMPTS):
         if attempt > 0:
             sleep(_FIRST_PAUSE * 2 ** (attempt - 1))
         try:
-            with _open(url, trial) as response:
+            with urllib.request.urlopen(request, timeout=_TIMEOUT) as response:
                 return _receive(response, url, has_checksum, progress)
-        except _TryAgain as error:
-            reason = error
+        except _CutOff as error:
+            reason = str(error)
+        except urllib.error.HTTPError as error:
+            error.close()
+            if error.code in (404, 410):
+                raise MotionError(
+                    f"the database has no trial {trial}: {url} does not exist; look "
+                    f"its number up at {DATABASE_URL}"
+                ) from error
+            if error.code < 500 and error.code not in (408, 429):
+                raise MotionError(
+                    f"{url}: the server answers {error.code} {error.reason}; get the "
+                    f"files another way and name their folder in {SEARCH_PATH_VARIABLE}"
+                ) from error
+            reason = f"the server answers {error.code}"
+        except urllib.error.URLError as error:
+            passing = isinstance(error.reason, TimeoutError | ConnectionError)
+            if not passing or isinstance(error.reason, ConnectionRefusedError):
+                host = urllib.parse.urlsplit(url).netloc
+                raise MotionError(
+                    f"cannot reach {host} ({error.reason}); check the network, or get "
+                    "the files another way and name their folder in "
+                    f"{SEARCH_PATH_VARIABLE}"
+                ) from error
+            reason = "the connection was cut off"
+        except (OSError, http.client.HTTPException):
+            reason = "the connection was cut off"
     raise MotionError(
         f"{url}: {reason}; gave up after {_ATTEMPTS} attempts. Run the same command "
         "later"
     )
-
-
-def _open(url: str, trial: str) -> http.client.HTTPResponse:
-    """Asks for the file."""
-    request = urllib.request.Request(url, headers={"User-Agent": "crar-drake"})
-    try:
-        return urllib.request.urlopen(request, timeout=_TIMEOUT)
-    except urllib.error.HTTPError as error:
-        error.close()
-        if error.code in (404, 410):
-            raise MotionError(
-                f"the database has no trial {trial}: {url} does not exist; look its "
-                f"number up at {DATABASE_URL}"
-            ) from error
-        if error.code >= 500 or error.code in (408, 429):
-            raise _TryAgain(f"the server answers {error.code}") from error
-        raise MotionError(
-            f"{url}: the server answers {error.code} {error.reason}; get the files "
-            f"another way and name their folder in {SEARCH_PATH_VARIABLE}"
-        ) from error
-    except urllib.error.URLError as error:
-        passing = isinstance(error.reason, TimeoutError | ConnectionError)
-        if passing and not isinstance(error.reason, ConnectionRefusedError):
-            raise _TryAgain("the connection was cut off") from error
-        host = urllib.parse.urlsplit(url).netloc
-        raise MotionError(
-            f"cannot reach {host} ({error.reason}); check the network, or get the "
-            f"files another way and name their folder in {SEARCH_PATH_VARIABLE}"
-        ) from error
-    except (OSError, http.client.HTTPException) as error:
-        raise _TryAgain("the connection was cut off") from error
 
 
 def _receive(
@@ -255,10 +248,10 @@ def _receive(
         try:
             chunk = response.read(_CHUNK)
         except (OSError, http.client.HTTPException) as error:
-            raise _TryAgain(f"cut off at {len(data)} bytes") from error
+            raise _CutOff(f"cut off at {len(data)} bytes") from error
         if not chunk:
             break
         data += chunk
     if total is not None and len(data) != total:
-        raise _TryAgain(f"cut off at {len(data)} of {total} bytes")
+        raise _CutOff(f"cut off at {len(data)} of {total} bytes")
     return bytes(data)

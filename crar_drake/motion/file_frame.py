@@ -1,13 +1,13 @@
 """A file's unit, up axis and facing, inferred from the body that moves in it."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from crar_drake.errors import MotionError
+from crar_drake.motion.conditioning import across, unit_vectors
 from crar_drake.motion.options import AXES, UNITS, MotionOptions, axis_of, metres_of
-from crar_drake.motion.performer import SIDES, Fact
+from crar_drake.motion.performer import SIDES, Fact, Points
 from crar_drake.motion.plausible import HEIGHTS
 
 # Body proportions after Drillis and Contini (in D. A. Winter, Biomechanics and Motor
@@ -43,11 +43,7 @@ class FileFrame:
     doubts: tuple[str, ...]
 
 
-def _unit_vector(v: np.ndarray) -> np.ndarray:
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
-
-
-def leg_length(p: Mapping[str, np.ndarray]) -> float:
+def leg_length(p: Points) -> float:
     """Thigh and shank, the mean of both sides and the median of the frames [units]."""
     lengths = [
         np.linalg.norm(p[f"{side}_{b}"] - p[f"{side}_{a}"], axis=-1)
@@ -58,15 +54,11 @@ def leg_length(p: Mapping[str, np.ndarray]) -> float:
 
 
 def find_unit(
-    p: Mapping[str, np.ndarray], stated: str, options: MotionOptions, name: str
+    p: Points, stated: str, options: MotionOptions, name: str
 ) -> tuple[float, Fact, tuple[str, ...]]:
     """Metres in a unit, where that comes from, and doubts.
 
-    Args:
-        p: joint to (T, 3) in the file's units.
-        stated: unit that the file states, a key of UNITS; "" for none.
-        options: of the user.
-        name: of the motion.
+    Lengths of p are in the file's units; it states one of UNITS, or "".
 
     Raises:
         MotionError: no unit makes a person of these legs.
@@ -108,8 +100,8 @@ def find_unit(
 
 
 def find_frame(
-    p: Mapping[str, np.ndarray],
-    rest: Mapping[str, np.ndarray],
+    p: Points,
+    rest: Points,
     stated: str,
     options: MotionOptions,
     name: str,
@@ -120,11 +112,9 @@ def find_frame(
     """Infers unit, up and facing, but for what the user says.
 
     Args:
-        p: joint to (T, 3) in the file's axes and units.
-        rest: joint to (3,) as the skeleton stands at rest; empty if it does not say.
-        stated: unit that the file states, or "".
-        options: of the user.
-        name: of the motion.
+        p: in the file's axes and units.
+        rest: as the skeleton stands at rest; empty if it does not say.
+        stated, options, name: as of `find_unit`.
         up_stated: up axis that the file states, or "".
         unit_fact: where the unit comes from, if p is in metres.
 
@@ -149,25 +139,21 @@ def find_frame(
 
 
 def _vector(axis: str) -> np.ndarray:
-    sign, index = axis_of(axis, "axis")
-    return sign * np.eye(3)[index]
+    return float(f"{axis[0]}1") * np.eye(3)["xyz".index(axis[1])]
 
 
-def trunk_and_legs(p: Mapping[str, np.ndarray]) -> np.ndarray:
+def trunk_and_legs(p: Points) -> np.ndarray:
     """(..., 3) unit vector from the ankles' middle to the neck."""
-    return _unit_vector(p["neck"] - (p["left_ankle"] + p["right_ankle"]) / 2.0)
+    return unit_vectors(p["neck"] - (p["left_ankle"] + p["right_ankle"]) / 2.0)
 
 
-def stands_along(rest: Mapping[str, np.ndarray], up: np.ndarray) -> bool:
+def stands_along(rest: Points, up: np.ndarray) -> bool:
     """Whether a rest pose, joint to (3,), stands along a unit vector."""
     return bool(trunk_and_legs(rest) @ up > _ALONG_AXIS)
 
 
 def _find_up(
-    p: Mapping[str, np.ndarray],
-    rest: Mapping[str, np.ndarray],
-    options: MotionOptions,
-    stated: str,
+    p: Points, rest: Points, options: MotionOptions, stated: str
 ) -> tuple[str, Fact, tuple[str, ...]]:
     """The axis along which the performer stands for the longest time.
 
@@ -175,8 +161,7 @@ def _find_up(
     hardly ever stands along any: then he lies or rolls.
     """
     if options.up:
-        sign, index = axis_of(options.up, "up")
-        axis = "+-"[sign < 0] + "xyz"[index]
+        axis = axis_of(options.up, "up")
         return axis, Fact("up", axis, "given"), ()
     upright = trunk_and_legs(p)
     share = {axis: np.mean(upright @ _vector(axis) > _UPRIGHT) for axis in AXES}
@@ -204,27 +189,22 @@ def _find_up(
     return best, Fact("up", best, "assumed", "nearest to the body"), (doubt,)
 
 
-def body_forward(p: Mapping[str, np.ndarray]) -> np.ndarray:
+def body_forward(p: Points) -> np.ndarray:
     """(..., 3) where the pelvis faces: left times up of the body."""
     left = p["left_hip"] - p["right_hip"]
-    return _unit_vector(np.cross(left, p["neck"] - p["pelvis"]))
+    return unit_vectors(np.cross(left, p["neck"] - p["pelvis"]))
 
 
 def _find_facing(
-    p: Mapping[str, np.ndarray],
-    rest: Mapping[str, np.ndarray],
-    options: MotionOptions,
-    up: str,
-    name: str,
+    p: Points, rest: Points, options: MotionOptions, up: str, name: str
 ) -> tuple[str, Fact]:
     """The horizontal axis nearest to where the performer faces at rest, or at first."""
     if options.facing:
-        sign, index = axis_of(options.facing, "facing")
-        if index == "xyz".index(up[1]):
+        axis = axis_of(options.facing, "facing")
+        if axis[1] == up[1]:
             raise MotionError(
                 f"motion {name}: facing {options.facing} is along the up axis, {up}"
             )
-        axis = "+-"[sign < 0] + "xyz"[index]
         return axis, Fact("facing", axis, "given")
     upright = trunk_and_legs(p) @ _vector(up) > _UPRIGHT
     frame = int(np.argmax(upright))
@@ -238,17 +218,12 @@ def _find_facing(
     return axis, Fact("facing", axis, "inferred", why)
 
 
-def seems_mirrored(p: Mapping[str, np.ndarray]) -> bool | None:
-    """Whether left and right are swapped: toes and knees point backwards.
-
-    None if neither tells.
-
-    Args:
-        p: joint to (T, 3), in any axes and units.
-    """
+def seems_mirrored(p: Points) -> bool | None:
+    """Whether left and right are swapped: toes and knees point backwards, in any axes
+    and units. None if neither tells."""
     forward = body_forward(p)
     toes = [
-        _unit_vector(p[f"{side}_toe"] - p[f"{side}_ankle"])
+        unit_vectors(p[f"{side}_toe"] - p[f"{side}_ankle"])
         for side in SIDES
         if f"{side}_toe" in p
     ]
@@ -258,9 +233,7 @@ def seems_mirrored(p: Mapping[str, np.ndarray]) -> bool | None:
     bends = []
     for side in SIDES:
         hip, knee, ankle = (p[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle"))
-        along = _unit_vector(ankle - hip)
-        out = knee - hip
-        out = out - np.sum(out * along, axis=-1, keepdims=True) * along
+        out = across(knee - hip, unit_vectors(ankle - hip))
         bends.append(np.sum(out * forward, axis=-1))
     bend = float(np.mean(bends)) / leg_length(p)
     return bool(bend < 0.0) if abs(bend) > 0.01 else None

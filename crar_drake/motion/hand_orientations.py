@@ -6,9 +6,7 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
-from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.performer import Performer
-from crar_drake.motion.performers.asf_amc import as_performer
 from crar_drake.motion.turns import smooth_turns
 
 HANDS = ("left_hand", "right_hand")
@@ -55,13 +53,12 @@ class HandOrientations:
         }
 
 
-def hand_orientations(motion: Performer | Clip) -> HandOrientations:
+def hand_orientations(performer: Performer) -> HandOrientations:
     """Returns the orientations of the hands of a motion, unfiltered.
 
     Raises:
         MotionError: the file does not tell how a hand is turned; the message says why.
     """
-    performer = as_performer(motion)
     if performer.hands_obstacle:
         raise MotionError(performer.hands_obstacle)
     return HandOrientations(performer.name, performer.frame_rate, dict(performer.hands))

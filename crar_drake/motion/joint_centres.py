@@ -5,9 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.performer import ARM, SIDES, Performer, Sampled
-from crar_drake.motion.performers.asf_amc import as_performer
 
 # What robots call the points: all but one as the performer's joints.
 JOINT_CENTRES = (
@@ -42,14 +40,13 @@ def file_joint(name: str) -> str:
     return "pelvis" if name == "waist" else name
 
 
-def joint_centres(motion: Performer | Clip) -> JointCentres:
+def joint_centres(performer: Performer) -> JointCentres:
     """Returns the joint centres of a motion.
 
     Raises:
         MotionError: the performer lacks joint centres of the upper body, or has no
             legs to take the hip height from.
     """
-    performer = as_performer(motion)
     if performer.obstacle:
         raise MotionError(performer.obstacle)
     return JointCentres(

@@ -1,4 +1,4 @@
-"""Which joint of the body a name in a file means, whoever gave it.
+"""Which joint of the body a name in a file means, whoever gave it, or the user says.
 
 A name is cut into words (at blanks, signs, digits and capitals), its side is taken
 out, and the words left are looked up. What one maker calls a shoulder is another's
@@ -7,9 +7,11 @@ collar bone, so names are weighed against the others of their side.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, make_dataclass
 
-from crar_drake.motion.performer import SIDES
+from crar_drake.errors import MotionError, nearest
+from crar_drake.motion.performer import JOINTS, SIDES
+from crar_drake.yaml_files import load_yaml, read_text
 
 _SIDE_WORDS = {
     "left": ("left", "lft", "lt", "l"),
@@ -124,10 +126,8 @@ def _take_side(words: list[str]) -> tuple[str, list[str]]:
 def joints_by_name(names: Sequence[str]) -> dict[str, int]:
     """Joints (of `performer.JOINTS`, and "left_thumb", ...) to the index of a name.
 
-    Of several names that mean the same the first counts.
-
-    Args:
-        names: of the file's joints, parents first; "" for an end site.
+    Of several names that mean the same the first counts. Parents come first; "" is an
+    end site.
     """
     found: dict[tuple[str, str], int] = {}
     for index, name in enumerate(names):
@@ -170,3 +170,37 @@ def _limbs(parts: Mapping[str, int]) -> dict[str, int]:
         "thumb": first("thumb"),
     }
     return {joint: index for joint, index in chosen.items() if index is not None}
+
+
+# Each joint, and the thumbs, to the file's name for it; "" keeps the match.
+JointFile = make_dataclass(
+    "JointFile",
+    [(joint, str, "") for joint in (*JOINTS, "left_thumb", "right_thumb")],
+)
+
+
+def load_joint_file(path: str, names: Sequence[str]) -> dict[str, int]:
+    """Joint to the index of the name that a YAML file gives it, of those of the motion.
+
+    Raises:
+        MotionError: the file cannot be read, or names a joint that there is not.
+    """
+    parsed = load_yaml(
+        read_text(path, MotionError),
+        JointFile,
+        path,
+        MotionError,
+        manual="docs/guides/your-motion.md",
+    )
+    chosen = {}
+    for joint, name in asdict(parsed).items():
+        if not name:
+            continue
+        if name not in names:
+            known = [known for known in names if known]
+            raise MotionError(
+                f"{path}: {joint}: the motion has no {name!r}"
+                f"{nearest(name, known)}; it has {', '.join(known)}"
+            )
+        chosen[joint] = list(names).index(name)
+    return chosen

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.conditioning import unit_vectors
+from crar_drake.motion.conditioning import across, unit_vectors
 from crar_drake.motion.performer import SIDES
 
 _WAISTS = {
@@ -121,8 +121,7 @@ def marker_body(
         back = sacrum
     middle = (front[0] + front[1]) / 2.0
     y = unit_vectors(front[0] - front[1])
-    x = middle - back
-    x = unit_vectors(x - np.sum(x * y, axis=1, keepdims=True) * y)
+    x = unit_vectors(across(middle - back, y))
     z = np.cross(x, y)
     p = {"pelvis": (middle + back) / 2.0}
     sources = {"pelvis": "mean of the waist's markers"}
@@ -185,12 +184,12 @@ def _across_arm(
     shoulder: np.ndarray, elbow: np.ndarray, wrist: np.ndarray, frame_rate: float
 ) -> np.ndarray:
     """(T, 3) normal of the arm's plane, inwards at the left; 0 if it never bends."""
-    normal = np.cross(unit_vectors(elbow - shoulder), unit_vectors(wrist - elbow))
+    along = unit_vectors(elbow - shoulder)
+    normal = np.cross(along, unit_vectors(wrist - elbow))
     window = max(1, round(_PLANE_WINDOW * frame_rate))
     smooth = uniform_filter1d(normal, window, axis=0, mode="nearest")
     # Across the upper arm, in case the arm swings within the window.
-    along = unit_vectors(elbow - shoulder)
-    smooth = smooth - np.sum(smooth * along, axis=1, keepdims=True) * along
+    smooth = across(smooth, along)
     size = np.linalg.norm(smooth, axis=1, keepdims=True)
     # Fades out for an arm that stays straight to 6 degrees.
     return smooth / np.maximum(size, 0.1)

@@ -52,12 +52,8 @@ class MotionOptions:
                 )
 
     def refuse(self, names: Sequence[str], motion: str) -> None:
-        """Raises MotionError if one of these options is given.
-
-        Args:
-            names: of options that a motion does not leave open.
-            motion: what it is, as in "motion a.amc is an AMC".
-        """
+        """Raises MotionError if one of these options is given, which a motion does not
+        leave open; it says what that is, as in "motion a.amc is an AMC"."""
         for name in names:
             if given := getattr(self, name):
                 raise MotionError(
@@ -95,8 +91,8 @@ def metres_of(unit: str) -> float:
     return metres
 
 
-def axis_of(text: str, option: str) -> tuple[int, int]:
-    """(sign, index) of an axis such as "-y".
+def axis_of(text: str, option: str) -> str:
+    """The axis of AXES that an option means by "-y" or "y".
 
     Raises:
         MotionError: there is no such axis.
@@ -105,4 +101,4 @@ def axis_of(text: str, option: str) -> tuple[int, int]:
     axis = axis if axis[:1] in "+-" else f"+{axis}"
     if axis not in AXES:
         raise MotionError(f"{option}: {text!r} is none of {', '.join(AXES)}")
-    return (-1 if axis[0] == "-" else 1), "xyz".index(axis[1])
+    return axis

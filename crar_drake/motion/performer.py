@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 T = TypeVar("T")
+Points = Mapping[str, np.ndarray]  # joint to (T, 3) positions, or (3,) of a rest pose
 
 # Joint centre: the one that it hangs on. "head" is where the head turns on the neck,
 # "toe" where the toes begin.
@@ -152,7 +153,7 @@ class Performer(Described, Sampled):
         obstacle: why it cannot drive a robot, or "".
     """
 
-    positions: Mapping[str, np.ndarray]  # [m]
+    positions: Points  # [m]
     heading: np.ndarray  # [rad]
     hip_height: float  # [m]
     height: float  # [m]

@@ -5,31 +5,26 @@ import textwrap
 
 import numpy as np
 
-from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.joint_centres import JointCentres, joint_centres
 from crar_drake.motion.performer import PARENTS, Performer
-from crar_drake.motion.performers.asf_amc import as_performer
 from crar_drake.motion.report import describe, inspect
 
 _FACTS_WIDTH = 110  # letters
 
 
-def plot_motion(motion: Performer | Clip, path: str | os.PathLike[str]) -> None:
+def plot_motion(performer: Performer, path: str | os.PathLike[str]) -> None:
     """Draws the body, and heights, paths and speeds of the joint centres, on one page.
 
     The body is seen from the front and from its left, in the frame in which it stands
     most upright; joints that are guesses are hollow. Frames with a flip or a jump are
     marked by vertical lines.
 
-    Args:
-        motion: the motion.
-        path: the figure's file; its suffix (.png, .pdf, .svg) chooses the format.
+    The figure's suffix (.png, .pdf, .svg) chooses its format.
 
     Raises:
         MotionError: the motion has no joint centres.
         CrarError: there is no such format, or the file cannot be written.
     """
-    performer = as_performer(motion)
     centres = joint_centres(performer)
     report = inspect(performer)
     # As long as all else of a motion takes to be imported.

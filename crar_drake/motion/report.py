@@ -7,10 +7,8 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, MIN_FRAMES, low_pass
-from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.joint_centres import file_joint, joint_centres
 from crar_drake.motion.performer import Performer
-from crar_drake.motion.performers.asf_amc import as_performer
 from crar_drake.motion.planted_feet import runs
 from crar_drake.motion.travel import pinned_pelvis
 
@@ -104,9 +102,8 @@ class MotionReport:
         return (*_reading(self.performer), *self.findings)
 
 
-def inspect(motion: Performer | Clip) -> MotionReport:
+def inspect(performer: Performer) -> MotionReport:
     """Returns a report of the motion. Nothing that it finds is an error."""
-    performer = as_performer(motion)
     obstacle, points = performer.obstacle, {}
     try:
         points = joint_centres(performer).positions

@@ -1,10 +1,8 @@
 """Whether a performer goes where the feet take them, or hangs by the pelvis."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from crar_drake.motion.performer import SIDES, Performer
+from crar_drake.motion.performer import SIDES, Performer, Points
 
 # No camera sees a person's pelvis so still while a foot goes so far [m].
 _STILL, _STEP = 1e-3, 0.1
@@ -30,7 +28,7 @@ def pinned_pelvis(performer: Performer) -> str:
     )
 
 
-def travelling(p: Mapping[str, np.ndarray], rate: float) -> dict[str, np.ndarray]:
+def travelling(p: Points, rate: float) -> dict[str, np.ndarray]:
     """Points that are relative to the pelvis, taken along by feet that stand.
 
     In each frame the lowest point of the feet is on the floor. Across, the velocity v
@@ -40,7 +38,7 @@ def travelling(p: Mapping[str, np.ndarray], rate: float) -> dict[str, np.ndarray
     the floor: a jump is a crouch, and who runs or hops loses the way of the flight.
 
     Args:
-        p: joint to (T, 3), ankles and toes among them, z up [m].
+        p: ankles and toes among them, z up [m].
         rate: samples per second [Hz].
     """
     ankles, toes = (

@@ -5,20 +5,18 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass
-from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.performer import Performer
-from crar_drake.motion.performers.asf_amc import as_performer
 from crar_drake.motion.quaternion_spline import sign_continuous
 
 # Shorter than this a mean of quaternions tells no orientation.
 _LEAST_NORM = 0.05
 
 
-def hip_turns(motion: Performer | Clip, cutoff: float = DEFAULT_CUTOFF) -> np.ndarray:
+def hip_turns(performer: Performer, cutoff: float = DEFAULT_CUTOFF) -> np.ndarray:
     """How the performer's hips are turned from where they face x, upright.
 
     Args:
-        motion: the performer, or a clip.
+        performer: whose.
         cutoff: of the zero-phase low-pass [Hz].
 
     Returns:
@@ -29,7 +27,6 @@ def hip_turns(motion: Performer | Clip, cutoff: float = DEFAULT_CUTOFF) -> np.nd
         MotionError: the motion does not tell, it is too short, the cutoff too high, or
             the hips turn to and fro so fast that no mean is left.
     """
-    performer = as_performer(motion)
     if "pelvis" not in performer.orientations:
         raise MotionError(
             f"motion {performer.name}: it does not tell how the pelvis is turned, and "

@@ -74,6 +74,9 @@ class WatchedPairs:
             that stand above half spaces.
         shape_pairs: (Nc, most) the shape pairs of each pair; the first fills up.
         pair_of_shapes: (Ns,) the pair that each shape pair belongs to.
+        closed_rows: (Nf,) which shape pairs have a closed form.
+        closed_axes: (Nf,), (Nf,) their two axes, among those of `axes`, one after the
+            other.
     """
 
     def __init__(
@@ -188,10 +191,8 @@ class WatchedPairs:
                             queried.append((row, geometry_a, geometry_b))
                         row += 1
             members.append(list(range(start, row)))
-        axis_a = np.array(axis_a, dtype=int)
-        axis_b = np.array(axis_b, dtype=int)
-        self._axis_a, self._axis_b = axis_a, axis_b
-        self._closed = np.array(closed, dtype=int)
+        self.closed_axes = np.array(axis_a, dtype=int), np.array(axis_b, dtype=int)
+        self.closed_rows = np.array(closed, dtype=int)
         self._queried = queried
         # Rectangular: a pair with fewer shape pairs repeats its first one.
         most = max(map(len, members), default=1)
@@ -231,16 +232,6 @@ class WatchedPairs:
         return len(self.names)
 
     @property
-    def closed_rows(self) -> np.ndarray:
-        """(Nf,) which shape pairs have a closed form."""
-        return self._closed
-
-    @property
-    def closed_axes(self) -> tuple[np.ndarray, np.ndarray]:
-        """(Nf,), (Nf,) their two axes, among those of `axes`, one after the other."""
-        return self._axis_a, self._axis_b
-
-    @property
     def needs_query(self) -> bool:
         """Whether `proximity` asks SceneGraph for some shape pair."""
         return bool(self._queried)
@@ -276,21 +267,15 @@ class WatchedPairs:
         radii = np.array([axis.radius for axis in every])
         lengths = np.array([np.linalg.norm(axis.p_B1 - axis.p_B0) for axis in every])
         flat = np.array([axis.flat for axis in every], dtype=bool)
-        sizes = capsule_sizes(
-            *(
-                x[axis]
-                for axis in (self._axis_a, self._axis_b)
-                for x in (lengths, radii)
-            ),
-            flat[self._axis_b],
-        )
+        a, b = self.closed_axes
+        sizes = capsule_sizes(lengths[a], radii[a], lengths[b], radii[b], flat[b])
 
         def repeated(places: np.ndarray, step: int) -> np.ndarray:
             return np.concatenate([places + k * step for k in range(K)])
 
         asked = np.array([row for row, _, _ in self._queried], dtype=int)
         N = self._num_shape_pairs
-        stands = np.concatenate([repeated(self._closed, N), repeated(asked, N)])
+        stands = np.concatenate([repeated(self.closed_rows, N), repeated(asked, N)])
         start, vector = first, first + len(every)
         hulls, after, of_axis = [], [], np.full(len(every), -1)
         corner = vector + len(every)
@@ -301,23 +286,22 @@ class WatchedPairs:
                 after.append(corner - (start + i))
                 corner += len(axis.hull.corners)
         extents = np.array([axis.extent for axis in every])
-        balls = sizes.balls + extents[self._axis_a] + extents[self._axis_b]
-        sizes = sizes._replace(balls=balls)
+        sizes = sizes._replace(balls=sizes.balls + extents[a] + extents[b])
         members = self.shape_pairs
         if by_shape:
             members, moves = np.arange(N)[:, np.newaxis], moves[self.pair_of_shapes]
         return ShapePairs(
-            start_a=repeated(start + self._axis_a, num_points),
-            start_b=repeated(start + self._axis_b, num_points),
-            vector_a=repeated(vector + self._axis_a, num_points),
-            vector_b=repeated(vector + self._axis_b, num_points),
+            start_a=repeated(start + a, num_points),
+            start_b=repeated(start + b, num_points),
+            vector_a=repeated(vector + a, num_points),
+            vector_b=repeated(vector + b, num_points),
             sizes=type(sizes)(*(np.tile(x, K) for x in sizes)),
-            shapes=np.arange(K * len(self._closed)),
+            shapes=np.arange(K * len(a)),
             order=np.argsort(stands),
             members=repeated(members, N),
             moves=np.ascontiguousarray(moves),
-            hull_a=np.tile(of_axis[self._axis_a], K),
-            hull_b=np.tile(of_axis[self._axis_b], K),
+            hull_a=np.tile(of_axis[a], K),
+            hull_b=np.tile(of_axis[b], K),
             hulls=hold(numbers_of_hulls(hulls, after)),
         )
 

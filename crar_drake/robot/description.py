@@ -13,9 +13,10 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import (
+    BodyIndex,
     Frame,
+    FrameIndex,
     Joint,
-    ModelInstanceIndex,
     PrismaticJoint,
     QuaternionFloatingJoint,
     RigidBody,
@@ -562,20 +563,12 @@ def _find(plant, name, what, getter, names):
 
 def frame_names(plant: MultibodyPlant) -> list[str]:
     """Of all models in the plant."""
-    instances = _instances(plant)
-    indices = [i for instance in instances for i in plant.GetFrameIndices(instance)]
-    return [plant.get_frame(i).name() for i in indices]
+    return [plant.get_frame(FrameIndex(i)).name() for i in range(plant.num_frames())]
 
 
 def _body_names(plant: MultibodyPlant) -> list[str]:
-    instances = _instances(plant)
-    indices = [i for instance in instances for i in plant.GetBodyIndices(instance)]
-    return [plant.get_body(i).name() for i in indices]
+    return [plant.get_body(BodyIndex(i)).name() for i in range(plant.num_bodies())]
 
 
 def _joint_names(plant: MultibodyPlant) -> list[str]:
     return [plant.get_joint(i).name() for i in plant.GetJointIndices()]
-
-
-def _instances(plant: MultibodyPlant) -> list:
-    return [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]

@@ -90,12 +90,8 @@ def _one_of_parallels(directions: np.ndarray) -> list[int]:
 
 
 def numbers_of_hulls(hulls: Sequence[Hull], after: Sequence[int]) -> Hulls:
-    """Hulls for the equations.
-
-    Args:
-        hulls: in their order.
-        after: of each, from its middle to its first corner, among all points.
-    """
+    """Hulls for the equations; `after` says of each how far after its middle its first
+    corner stands, among all points."""
 
     def starts(lists: Sequence[np.ndarray]) -> np.ndarray:
         return np.cumsum([0, *map(len, lists)])

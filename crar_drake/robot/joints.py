@@ -1,10 +1,12 @@
-"""The joints of a plant: names, units, speed limits, and those of a description."""
+"""The joints of a plant: names, units, speed limits, and those of a description; which
+of its positions and velocities are controlled, and which prescribed."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint
+from pydrake.multibody.tree import Joint, PrismaticJoint, QuaternionFloatingJoint
 
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import RobotDescription, find_joint
@@ -52,12 +54,8 @@ def check_described_joints(
 
 
 def joint_units(plant: MultibodyPlant, names: Sequence[str]) -> list[str]:
-    """(n,) "m" for each joint that slides, "rad" for each that turns.
-
-    Args:
-        plant: that has the joints.
-        names: of joints with one position.
-    """
+    """(n,) "m" for each joint that slides, "rad" for each that turns; all have one
+    position."""
     kinds = [plant.GetJointByName(name).type_name() for name in names]
     return ["m" if kind == PrismaticJoint.kTypeName else "rad" for kind in kinds]
 
@@ -93,3 +91,52 @@ def speed_limits(plant: MultibodyPlant, description: RobotDescription) -> np.nda
         start = joint.velocity_start()
         limits[start : start + joint.num_velocities()] = limit
     return limits
+
+
+class Places(NamedTuple):
+    """Indices in v, or in q, of what is controlled and of what is prescribed, a root
+    that floats last in each; and of all of the root, its orientation first."""
+
+    controlled: np.ndarray
+    prescribed: np.ndarray
+    root: np.ndarray
+
+
+def find_places(
+    plant: MultibodyPlant,
+    moved: Sequence[Joint],
+    root: QuaternionFloatingJoint | None,
+    given: Sequence[str],
+    *,
+    of_positions: bool = False,
+) -> Places:
+    """Where joints are in v, or in q.
+
+    Args:
+        plant: finalized.
+        moved: the prescribed joints, in their order.
+        root: the joint by which the base floats; None if it does not.
+        given: what of the root is prescribed: "orientation", "position".
+        of_positions: whether the places are those in q.
+    """
+
+    def places(joints: Sequence[Joint]) -> np.ndarray:
+        spans = [
+            (joint.position_start(), joint.num_positions())
+            if of_positions
+            else (joint.velocity_start(), joint.num_velocities())
+            for joint in joints
+        ]
+        found = [start + i for start, count in spans for i in range(count)]
+        return np.array(found, dtype=int)
+
+    of_root, prescribed = places([root] if root else []), places(moved)
+    turns = np.arange(len(of_root)) < len(of_root) - 3  # the last three are a position
+    is_given = np.where(turns, "orientation" in given, "position" in given)
+    every = plant.num_positions() if of_positions else plant.num_velocities()
+    joints = np.setdiff1d(np.arange(every), [*prescribed, *of_root])
+    return Places(
+        np.concatenate([joints, of_root[~is_given]]),
+        np.concatenate([prescribed, of_root[is_given]]),
+        of_root,
+    )

@@ -29,8 +29,12 @@ from crar_drake.robot.description import (
     find_joint,
     find_root,
 )
-from crar_drake.robot.joint_places import find_places
-from crar_drake.robot.joints import check_described_joints, names_by_joint, speed_limits
+from crar_drake.robot.joints import (
+    check_described_joints,
+    find_places,
+    names_by_joint,
+    speed_limits,
+)
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot.points import numbers_of_robot
 from crar_drake.robot.task import Task
@@ -452,13 +456,13 @@ class ControlModel:
         root = find_root(plant, description)
         moved = [find_joint(plant, name) for name in description.prescribed_joints]
         self.num_free = int(root is not None)
-        places = find_places(plant, moved, root, description.prescribed_root)
-        self.controlled, self.prescribed, self.unactuated = places.velocities
+        given = plant, moved, root, description.prescribed_root
+        self.controlled, self.prescribed, self.unactuated = find_places(*given)
         (
             self.controlled_positions,
             self.prescribed_positions,
             self.root_positions,
-        ) = places.positions
+        ) = find_places(*given, of_positions=True)
         names = names_by_joint(plant)
         try:
             self._actuators = Actuators(plant, names, self.unactuated)

@@ -38,7 +38,7 @@ def find_reaches(
         ModelError: a joint that floats is carried by another one.
     """
     tree = joints.tree
-    per_slide = _lengths_of_slides(joints)
+    per_slide = lengths_of_slides(joints)
     extents = np.maximum(np.abs(lower), np.abs(upper))[tree.position]
     extents[~np.isfinite(extents)] = 0.0
     places = np.argsort(order)  # of velocities in `order`
@@ -104,7 +104,7 @@ def chain_reaches(
     """
     tree = joints.tree
     steps = tree.fixed[:, 3, :3]  # where a frame's origin is in its parent
-    per_slide = _lengths_of_slides(joints)
+    per_slide = lengths_of_slides(joints)
     floats = {frame for frame, _ in tree.free}
     places = np.argsort(order)
     frame, X_FB = joints.place(body)
@@ -140,6 +140,6 @@ def chain_reaches(
     return reach, by_slide
 
 
-def _lengths_of_slides(joints: JointTree) -> np.ndarray:
+def lengths_of_slides(joints: JointTree) -> np.ndarray:
     """(frames,) how far each frame slides for a unit of q [m]."""
     return np.linalg.norm(joints.tree.slide[:, 3, :3], axis=1)

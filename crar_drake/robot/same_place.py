@@ -40,7 +40,9 @@ def check_place(
     theirs, ours = plant.CreateDefaultContext(), model.plant.CreateDefaultContext()
     plant.SetPositions(theirs, *part, q)
     model.plant.SetPositions(ours, q)
-    for joint in _joints(model.plant):
+    for joint in map(model.plant.get_joint, model.plant.GetJointIndices()):
+        if not isinstance(joint, RevoluteJoint | PrismaticJoint):
+            continue
         there = plant.GetJointByName(joint.name(), *part)
         if type(there) is not type(joint):
             continue  # the numbers of positions agree all the same
@@ -56,11 +58,6 @@ def check_place(
                 "model's base is, or let the model be where the robot is: "
                 "dataclasses.replace(description, root_pose=RootPose(xyz, rpy))"
             )
-
-
-def _joints(plant: MultibodyPlant) -> list[Joint]:
-    joints = map(plant.get_joint, plant.GetJointIndices())
-    return [j for j in joints if isinstance(j, RevoluteJoint | PrismaticJoint)]
 
 
 def _axis(joint: Joint, context: Context) -> tuple[np.ndarray, np.ndarray]:

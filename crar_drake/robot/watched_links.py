@@ -6,7 +6,7 @@ from crar_drake.equations.moving_obstacles import Links
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.balls import ball_about
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.reach import chain_reaches
+from crar_drake.robot.reach import chain_reaches, lengths_of_slides
 
 
 def watched_links(
@@ -61,7 +61,7 @@ def watched_links(
         thickest = max(axis.radius for axis in axes)
         turned.append(np.where(moved & turning, thickest, 0.0))
         carried.append(moved.astype(float))
-    per_slide = np.linalg.norm(tree.slide[:, 3, :3], axis=1)
+    per_slide = lengths_of_slides(joints)
     by = np.array(by).reshape(-1, len(per_slide), nv).transpose(1, 0, 2)
     longer = [k for k in np.flatnonzero(per_slide > 0.0) if by[k].any()]
     places = np.argsort(order)

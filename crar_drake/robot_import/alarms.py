@@ -4,16 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from crar_drake.robot_import.anatomy import (
-    Anatomy,
-    find_leg_chains,
-    joint_axis,
-)
+from crar_drake.robot_import.anatomy import Arms, find_leg_chains, joint_axis
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.inertias import own_mass
-from crar_drake.robot_import.meshes import Part, lowest_points
-from crar_drake.robot_import.source_robot import SourceRobot
-from crar_drake.robot_import.surface_distances import Surfaces
+from crar_drake.robot_import.meshes import Looks, Surfaces, lowest_points
+from crar_drake.robot_import.source_robot import Positions, SourceRobot
 
 # Ratios of lengths that the limbs of a person, and of the robots that are like one,
 # are far inside of.
@@ -37,15 +31,10 @@ _REMEDY = "change rest_posture, lower excess, or list the pair"
 def limb_alarms(robot: SourceRobot, frames: Mapping[str, FrameChoice]) -> list[str]:
     """Limb lengths between the motion's points that no body has, one line each.
 
-    Args:
-        robot: in a frame whose x axis is its front.
-        frames: the motion's points; those that are missing are not asked about.
+    Points that are missing are not asked about.
     """
     X = robot.poses()
-    p = {
-        name: X[frame.link].multiply(np.array(frame.point, dtype=float))
-        for name, frame in frames.items()
-    }
+    p = {name: frame.place(X) for name, frame in frames.items()}
     found = []
     for side in ("left", "right"):
         for *ends, least, most in _LIMBS:
@@ -70,13 +59,8 @@ def limb_alarms(robot: SourceRobot, frames: Mapping[str, FrameChoice]) -> list[s
     return found
 
 
-def number_alarms(robot: SourceRobot, locked: Mapping[str, float]) -> list[str]:
-    """Numbers of a robot's file that are read, and hardly meant.
-
-    Args:
-        robot: as it was read.
-        locked: joints that do not move, whose ranges do not matter.
-    """
+def number_alarms(robot: SourceRobot, locked: Positions) -> list[str]:
+    """Numbers of a robot's file that are read, and hardly meant."""
     moving = [j for j in robot.joints.values() if j.moves and j.name not in locked]
     still = [joint.name for joint in moving if joint.lower == joint.upper]
     turns = [
@@ -84,7 +68,7 @@ def number_alarms(robot: SourceRobot, locked: Mapping[str, float]) -> list[str]:
         for joint in moving
         if joint.kind != "prismatic" and _MOST_TURNED < joint.upper < np.inf
     ]
-    masses = {name: own_mass(link) for name, link in robot.links.items()}
+    masses = {name: link.mass for name, link in robot.links.items()}
     negative = [f"{name} ({mass:g} kg)" for name, mass in masses.items() if mass < 0.0]
     found = []
     if still:
@@ -107,20 +91,14 @@ def number_alarms(robot: SourceRobot, locked: Mapping[str, float]) -> list[str]:
 
 
 def mirrored_range_alarms(
-    robot: SourceRobot, anatomy: Anatomy | None, locked: Mapping[str, float]
+    robot: SourceRobot, anatomy: Arms | None, locked: Positions
 ) -> list[str]:
     """Joints of a left limb whose range is not that of the right one's mirror image.
 
     Either both limbs are of one make, or one of the two bends to the wrong side, by a
     sign of its axis or of its limits.
-
-    Args:
-        robot: in a frame whose x axis is its front.
-        anatomy: its arms; None if there are none.
-        locked: joints that do not move, whose ranges do not matter.
     """
-    pairs = [] if anatomy is None else [(anatomy.left, anatomy.right)]
-    pairs += [legs] if (legs := find_leg_chains(robot, anatomy)) else []
+    pairs = filter(None, (anatomy, find_leg_chains(robot, anatomy)))
     twins = [twin for a, b in pairs for twin in zip(a.joints, b.joints, strict=True)]
     X, found = robot.poses(), []
     for left, right in twins:
@@ -146,12 +124,10 @@ def mirrored_range_alarms(
 
 
 def coupling_alarms(
-    robot: SourceRobot, anatomy: Anatomy | None, locked: Mapping[str, float]
+    robot: SourceRobot, anatomy: Arms | None, locked: Positions
 ) -> list[str]:
     """Joints of arms that are locked since they follow another, or one follows them."""
-    if anatomy is None:
-        return []
-    arms = {j.name for arm in (anatomy.left, anatomy.right) for j in arm.joints}
+    arms = anatomy.joints if anatomy else set()
     return [
         f"locked: {joint.name} follows {joint.mimic} (mimic), and the controller has "
         f"no coupled joints: both are locked, {joint.mimic} at {locked[joint.mimic]:g} "
@@ -163,21 +139,13 @@ def coupling_alarms(
 
 def floor_alarms(
     robot: SourceRobot,
-    parts: Mapping[str, Sequence[Part]],
-    positions: Mapping[str, float],
+    parts: Looks,
+    positions: Positions,
     height: float,
-    anatomy: Anatomy,
+    anatomy: Arms,
 ) -> list[str]:
-    """What of a robot with arms is below the floor in the rest posture, or that it
-    stands on its hands.
-
-    Args:
-        robot: in a frame whose x axis is its front.
-        parts: link to its real look, in its frame.
-        positions: joint to position, at rest [rad or m].
-        height: of the root link above the floor [m].
-        anatomy: its arms.
-    """
+    """What of a robot with arms is below the floor in its rest posture, the root link
+    so high above it [m]; or that it stands on its hands."""
     bottoms = lowest_points(robot, parts, positions)
     lowest = {link: bottom + height for link, bottom in bottoms.items()}
     if not lowest:
@@ -188,11 +156,7 @@ def floor_alarms(
             f"rest_posture: {link} is {-1e3 * lowest[link]:.0f} mm below the floor; "
             "correct waist_z"
         ]
-    hands = {
-        below
-        for arm in (anatomy.left, anatomy.right)
-        for below in robot.below(arm.joints[0].child)
-    }
+    hands = {below for arm in anatomy for below in robot.below(arm.joints[0].child)}
     if link in hands and abs(lowest[link]) < _BELOW:
         return [
             f"rest_posture: nothing is lower than {link}, so that the robot stands on "
@@ -203,24 +167,17 @@ def floor_alarms(
 
 def pair_alarms(
     robot: SourceRobot,
-    locked: Mapping[str, float],
-    segments: Mapping[str, Sequence[Part]],
-    rest: Mapping[str, float],
+    locked: Positions,
+    segments: Looks,
+    rest: Positions,
     pairs: Sequence[Sequence[str]],
     overlapping: Sequence[Sequence[str]],
 ) -> list[str]:
     """Pairs that nobody watches although they could hurt.
 
     Links one joint apart always touch, and neighbours two joints apart may, if their
-    real shapes do. All others that are left out are named here.
-
-    Args:
-        robot: as it was read.
-        locked: joint to the position at which it is welded [rad or m].
-        segments: link to its real look, in its frame.
-        rest: joint to position [rad or m].
-        pairs: watched.
-        overlapping: not watched, since their capsules touch in the rest posture.
+    real shapes do. All others of those that are `overlapping`, not watched since their
+    capsules touch in the rest posture, are named here.
     """
     found = []
     if not pairs:
@@ -256,7 +213,7 @@ def pair_alarms(
     return found
 
 
-def joints_between(robot: SourceRobot, locked, a: str, b: str) -> int:
+def joints_between(robot: SourceRobot, locked: Positions, a: str, b: str) -> int:
     """Joints that move, on the way from one link to the other."""
     ways = [{joint.name for joint in robot.path_to(link)} for link in (a, b)]
     between = ways[0] ^ ways[1]

@@ -5,35 +5,33 @@ with at least four joints. The robot is to be given in a frame with x forward an
 (`facing`).
 """
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from pydrake.math import RigidTransform
 
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.source_robot import Joint, SourceRobot
+from crar_drake.robot_import.source_robot import Joint, Poses, SourceRobot
 
 FEWEST_JOINTS = 4  # of an arm
 _ENOUGH = 6  # joints of an arm, for any pose of its hand
 _LEG_WORDS = ("leg", "hip", "knee", "ankle", "foot", "thigh", "calf", "shank")
 _ARM_WORDS = ("arm", "shoulder", "elbow", "wrist", "hand")
-AWAY = 0.25  # [rad] of an arm from the trunk, at rest
-_BENT = 0.6  # [rad] of an elbow, at rest
-_EVEN = 0.05  # by which an elbow's ranges both ways differ that are as large
-_MOVES = 1e-3  # [m] a wrist, at least, if it says which way an elbow is to bend
 MIRROR_TOLERANCE = 0.03  # [m]
 _SAME = 2e-3  # [m] between a link's origin and that of its twin's image
 _MIRROR, _HALF_TURN = (1, -1, 1), (-1, -1, 1)
 _GRIPS, _TURNS = ("grip", "jaw", "claw"), ("yaw", "roll", "pitch", "wrist", "rot")
 _HAND_SHARE = 0.5  # of the way from the root that fingers reach beyond it, at most
 _ASIDE = 0.02  # [m] between the first joints of two arms, at least
-_UNEVEN = 2.0  # upper arm over forearm, or the other way
+_UNEVEN = 2.0  # upper arm over forearm, or thigh over shank, or the other way
+LATERAL = 0.8  # of a knee's axis, along the left; of a roll's, ahead
 
 
 @dataclass(frozen=True)
 class Arm:
-    """A chain from the trunk to a hand.
+    """A chain from the trunk to a hand, or to a foot.
 
     Attributes:
         joints: moving joints, from the trunk outwards.
@@ -46,15 +44,19 @@ class Arm:
     trunk: str
 
 
-@dataclass(frozen=True)
-class Anatomy:
-    """Both arms of a humanoid; `left` is at +y."""
+class Arms(NamedTuple):
+    """Two arms or legs that mirror each other; `left` is at +y."""
 
     left: Arm
     right: Arm
 
+    @property
+    def joints(self) -> set[str]:
+        """Names of both sides' joints."""
+        return {joint.name for arm in self for joint in arm.joints}
 
-def find_anatomy(robot: SourceRobot) -> Anatomy | None:
+
+def find_anatomy(robot: SourceRobot) -> Arms | None:
     """The robot's arms; None where no mirrored pair of chains is one of arms.
 
     Where none is, two equal arms may be mounted back to back: a half turn about the
@@ -72,13 +74,10 @@ def find_anatomy(robot: SourceRobot) -> Anatomy | None:
     else:
         return None
 
-    def height(pair: tuple[Arm, Arm]) -> float:
-        return X[pair[0].joints[0].child].translation()[2]
-
-    return Anatomy(*max(pairs, key=height))
+    return max(pairs, key=lambda pair: X[pair.left.joints[0].child].translation()[2])
 
 
-def _are_legs(robot: SourceRobot, pair: tuple[Arm, Arm]) -> bool:
+def _are_legs(robot: SourceRobot, pair: Arms) -> bool:
     """Whether a pair of chains, although the highest one, is one of legs.
 
     That is so of a robot that ends at its hips. Its joints say so, or, if they say
@@ -90,13 +89,11 @@ def _are_legs(robot: SourceRobot, pair: tuple[Arm, Arm]) -> bool:
         return legs and not arms
     X = robot.poses()
     height = {link: X[link].translation()[2] for link in robot.links}
-    root, start = height[robot.root], height[pair[0].joints[0].child]
-    return start < root - 0.01 and height[pair[0].hand] <= min(height.values()) + 0.05
+    root, start = height[robot.root], height[pair.left.joints[0].child]
+    return start < root - 0.01 and height[pair.left.hand] <= min(height.values()) + 0.05
 
 
-def find_leg_chains(
-    robot: SourceRobot, anatomy: Anatomy | None
-) -> tuple[Arm, Arm] | None:
+def find_leg_chains(robot: SourceRobot, anatomy: Arms | None) -> Arms | None:
     """The left leg and the right one, as chains; None where there are none, or four.
 
     Legs are the lowest pair of mirrored chains with three or more joints that are
@@ -104,24 +101,22 @@ def find_leg_chains(
     reaches half as far down, goes on four legs.
     """
     X = robot.poses()
-    arms = set()
-    if anatomy is not None:
-        arms = {j.name for arm in (anatomy.left, anatomy.right) for j in arm.joints}
+    arms = anatomy.joints if anatomy else set()
     root = X[robot.root].translation()[2]
     found = []
     for pair in mirrored_chains(robot, fewest=3):
-        if any(joint.name in arms for chain in pair for joint in chain.joints):
+        if pair.joints & arms:
             continue
-        height = X[pair[0].joints[-1].child].translation()[2]
-        if height < X[pair[0].joints[0].child].translation()[2] - 0.1:
+        first, *_, last = pair.left.joints
+        height = X[last.child].translation()[2]
+        if height < X[first.child].translation()[2] - 0.1:
             found.append((height, pair))
     if not found:
         return None
     lowest, legs = min(found, key=lambda each: each[0])
-    own = {joint.name for chain in legs for joint in chain.joints}
     for height, pair in found:
-        others = {joint.name for chain in pair for joint in chain.joints}
-        if not own & others and height - root < 0.5 * (lowest - root) < 0.0:
+        deep = height - root < 0.5 * (lowest - root) < 0.0
+        if deep and not legs.joints & pair.joints:
             return None
     return legs
 
@@ -133,46 +128,35 @@ def link_twins(robot: SourceRobot) -> dict[str, str]:
     one of each has its origin where the mirror image of the other's is.
     """
     twins = mirrored_links(robot, find_anatomy(robot))
-    X = robot.poses()
+    p = {link: X.translation() for link, X in robot.poses().items()}
     queue = list(twins)
     for link in queue:  # grows as it goes
+        twin = twins[link]
         own, others = (
             [j.child for j in robot.children(side) if j.child not in twins]
-            for side in (link, twins[link])
+            for side in (link, twin)
         )
-        if link == twins[link]:
+        if link == twin:
             continue
-        middle = X[link].translation(), X[twins[link]].translation()
-
-        def apart(a: str, b: str, image: tuple, middle=middle) -> float:
-            way = (X[a].translation() - middle[0]) * image
-            return float(np.abs(way - (X[b].translation() - middle[1])).max())
-
-        for child in own:
-            near = [
-                other
-                for other in others
-                if min(apart(child, other, i) for i in (_MIRROR, _HALF_TURN)) < _SAME
-            ]
-            rivals = [
-                other
-                for other in own
-                if near
-                and min(apart(other, near[0], i) for i in (_MIRROR, _HALF_TURN)) < _SAME
-            ]
-            if len(near) == 1 and rivals == [child]:
-                twins |= {child: near[0], near[0]: child}
-                queue += [child]
+        like = [
+            (a, b)
+            for a, b in itertools.product(own, others)
+            if any(
+                np.abs((p[a] - p[link]) * image - (p[b] - p[twin])).max() < _SAME
+                for image in (_MIRROR, _HALF_TURN)
+            )
+        ]
+        for a, b in like:
+            if sum(a == one or b == other for one, other in like) == 1:
+                twins |= {a: b, b: a}
+                queue.append(a)
     return twins
 
 
-def mirrored_links(robot: SourceRobot, anatomy: Anatomy | None) -> dict[str, str]:
+def mirrored_links(robot: SourceRobot, anatomy: Arms | None) -> dict[str, str]:
     """Link of an arm or a leg to the same one of the other side."""
-    chains = [] if anatomy is None else [(anatomy.left, anatomy.right)]
-    if (legs := find_leg_chains(robot, anatomy)) is not None:
-        chains.append(legs)
     twins: dict[str, str] = {}
-    for left, right in chains:
+    for left, right in filter(None, (anatomy, find_leg_chains(robot, anatomy))):
         links = [[*(j.child for j in arm.joints), arm.hand] for arm in (left, right)]
         twins |= dict(zip(*links, strict=True)) | dict(zip(*links[::-1], strict=True))
     return twins
@@ -180,48 +164,55 @@ def mirrored_links(robot: SourceRobot, anatomy: Anatomy | None) -> dict[str, str
 
 def mirrored_chains(
     robot: SourceRobot, fewest: int, image: tuple[int, int, int] = _MIRROR
-) -> list[tuple[Arm, Arm]]:
-    """Pairs of chains that mirror each other, that at +y first.
+) -> list[Arms]:
+    """Pairs of chains of so many joints, or more, that mirror each other: a place of
+    one times `image` is that of the other.
 
     What tells is where their last joints are: what is welded beyond them, a camera on
     one hand, is often not there twice.
-
-    Args:
-        robot: in a frame whose x axis is its front.
-        fewest: joints that each has at least.
-        image: what a place of one is multiplied by for that of the other.
     """
     X = robot.poses()
     ends = chain_ends(robot)
     ways = {end: [j for j in robot.path_to(end) if j.moves] for end in ends}
     found = []
-    for a in ends:
-        for b in ends:
-            if a == b or not ways[a] or not ways[b]:
-                continue
-            p_a, p_b = (X[ways[end][-1].child].translation() for end in (a, b))
-            if np.abs(p_a - p_b * image).max() > MIRROR_TOLERANCE:
-                continue
-            if image == _HALF_TURN and abs(p_a[0]) > abs(p_a[1]):
-                continue  # one is ahead of the other
-            common = 0
-            for joint_a, joint_b in zip(ways[a], ways[b], strict=False):
-                if joint_a.name != joint_b.name:
-                    break
-                common += 1
-            arm_a, arm_b = ways[a][common:], ways[b][common:]
-            if len(arm_a) != len(arm_b) or len(arm_a) < fewest:
-                continue
-            # Arms may cross at zero: it counts where they begin, if that is aside.
-            start = [X[arm[0].child].translation()[1] for arm in (arm_a, arm_b)]
-            aside = abs(start[0] - start[1]) > _ASIDE
-            if not (start[0] > start[1] if aside else p_a[1] > p_b[1]):
-                continue
+    for a, b in itertools.permutations(ends, 2):
+        if not ways[a] or not ways[b]:
+            continue
+        p_a, p_b = (X[ways[end][-1].child].translation() for end in (a, b))
+        if np.abs(p_a - p_b * image).max() > MIRROR_TOLERANCE:
+            continue
+        if image == _HALF_TURN and abs(p_a[0]) > abs(p_a[1]):
+            continue  # one is ahead of the other
+        common = _common([ways[a], ways[b]])
+        arm_a, arm_b = ways[a][common:], ways[b][common:]
+        if len(arm_a) != len(arm_b) or len(arm_a) < fewest:
+            continue
+        # Arms may cross at zero: it counts where they begin, if that is aside.
+        start = [X[arm[0].child].translation()[1] for arm in (arm_a, arm_b)]
+        aside = abs(start[0] - start[1]) > _ASIDE
+        if start[0] > start[1] if aside else p_a[1] > p_b[1]:
             chains = ((arm_a, a), (arm_b, b))
             found.append(
-                tuple(Arm(tuple(arm), end, arm[0].parent) for arm, end in chains)
+                Arms(*(Arm(tuple(arm), end, arm[0].parent) for arm, end in chains))
             )
     return found
+
+
+def own_joints(robot: SourceRobot) -> dict[str, list[Joint]]:
+    """The end of each chain to its moving joints beyond those that all have."""
+    ways = {
+        end: [joint for joint in robot.path_to(end) if joint.moves]
+        for end in chain_ends(robot)
+    }
+    common = _common(list(ways.values())) if len(ways) > 1 else 0
+    return {end: way[common:] for end, way in ways.items()}
+
+
+def _common(ways: Sequence[Sequence[Joint]]) -> int:
+    """How many of their first joints some ways have in common."""
+    steps = zip(*ways, strict=False)
+    same = itertools.takewhile(lambda step: len({j.name for j in step}) == 1, steps)
+    return len(list(same))
 
 
 def chain_ends(robot: SourceRobot) -> list[str]:
@@ -239,7 +230,6 @@ def chain_ends(robot: SourceRobot) -> list[str]:
             followers.setdefault(joint.mimic, []).append(joint)
 
     def is_finger(joint: Joint) -> bool:
-        words = ("finger", "thumb")
         # What moves a gripper's other parts is followed by them; none carries a chain,
         # as what a motor's gear drives in the midst of an arm.
         group = [joint, *followers.get(joint.name, ())]
@@ -251,17 +241,13 @@ def chain_ends(robot: SourceRobot) -> list[str]:
         # A jaw opens one way from closed, at zero, at the end of an arm that needs no
         # more joints.
         opens = joint.lower == 0.0 or joint.upper == 0.0
-        jaw = (
-            opens and not _depth(robot, joint.child) and joints_before(joint) >= _ENOUGH
-        )
-        named = any(word in name for word in words)
+        before = sum(each.moves for each in robot.path_to(joint.parent))
+        jaw = opens and not _depth(robot, joint.child) and before >= _ENOUGH
+        named = "finger" in name or "thumb" in name
         # A telescope's joints follow each other, too, or a forearm's its elbow's, and
         # carry a wrist.
         follows = bool(joint.mimic) and not _depth(robot, joint.child, own=True)
         return follows or leads or last or jaw or named
-
-    def joints_before(joint: Joint) -> int:
-        return sum(each.moves for each in robot.path_to(joint.parent))
 
     X, ends = robot.poses(), []
 
@@ -306,14 +292,14 @@ def _depth(robot: SourceRobot, link: str, own: bool = False) -> int:
     )
 
 
-def _reach(robot: SourceRobot, X, link: str, first: str) -> float:
+def _reach(robot: SourceRobot, X: Poses, link: str, first: str) -> float:
     """How far from a link the chains below one of its children end, at most [m]."""
     p = X[link].translation()
     below = (X[other].translation() for other in robot.below(first))
     return max(float(np.linalg.norm(end - p)) for end in below)
 
 
-def _way(robot: SourceRobot, X, link: str) -> float:
+def _way(robot: SourceRobot, X: Poses, link: str) -> float:
     """The way from the root link to a link, from joint to joint [m]."""
     steps = [joint.child for joint in robot.path_to(link)]
     p = [X[each].translation() for each in (robot.root, *steps)]
@@ -343,97 +329,12 @@ def welded_below(robot: SourceRobot, link: str) -> list[str]:
     return found
 
 
-def guess_rest(
-    robot: SourceRobot,
-    anatomy: Anatomy | None,
-    locked: dict[str, float],
-    away: float = AWAY,
-    frames: Mapping[str, FrameChoice] | None = None,
-) -> dict[str, float]:
-    """Arms a little `away` [rad] from the trunk and elbows bent: clear of limits, of
-    the trunk, and of the singular pose of a straight arm. A robot without a pair of
-    arms has its joints as the file's own posture, else in the middle of their ranges.
-
-    An elbow bends to where its range is larger; if that is as large both ways, as a
-    person's: the wrist goes ahead or, where it moves more that way, up.
-
-    Args:
-        robot: in a frame whose x axis is its front.
-        anatomy: its arms.
-        locked: joint to the position at which it is welded [rad or m].
-        away: see above.
-        frames: the motion's points, which say where wrists are; else hands are there.
-    """
-    rest = {}
-    for joint in robot.joints.values():
-        if not joint.moves or joint.name in locked:
-            continue
-        if anatomy is None and robot.posture:
-            own = robot.posture.get(joint.name, 0.0)
-            rest[joint.name] = float(np.clip(own, joint.lower, joint.upper))
-        elif anatomy is None and np.isfinite(joint.upper - joint.lower):
-            rest[joint.name] = (joint.lower + joint.upper) / 2.0
-        else:
-            inside = min(0.05, (joint.upper - joint.lower) / 4.0)
-            rest[joint.name] = float(
-                np.clip(0.0, joint.lower + inside, joint.upper - inside)
-            )
-    X_zero = robot.poses()
-    arms = () if anatomy is None else (anatomy.left, anatomy.right)
-    posture = {**locked, **rest}
-    sides = zip(arms, ("left", "right"), (1.0, -1.0), strict=False)
-    for arm, side, outwards in sides:
-        elbow = elbow_index(X_zero, arm)
-        moved = {}
-        for joint in (j for j in arm.joints[:elbow] if j.name in rest):
-            for angle in (-away, away):
-                there = rest[joint.name] + angle
-                if joint.lower < there < joint.upper:
-                    X = robot.poses({**posture, joint.name: there})
-                    y = X[arm.joints[elbow].child].translation()[1]
-                    moved[outwards * y] = (joint.name, there)
-        if moved:
-            name, there = moved[max(moved)]
-            rest[name] = there
-        bend = arm.joints[elbow]
-        if bend.name not in rest:
-            continue
-        wrist = (frames or {}).get(f"{side}_wrist", FrameChoice(arm.hand))
-        rest[bend.name] = _bent_elbow(robot, {**locked, **rest}, bend, wrist)
-    return {name: round(value, 4) for name, value in rest.items() if value}
-
-
-def _bent_elbow(
-    robot: SourceRobot, posture: dict[str, float], elbow: Joint, wrist: FrameChoice
-) -> float:
-    """Where an elbow is bent [rad], see `guess_rest`."""
-    here = posture[elbow.name]
-    fewer, more = np.clip([here - _BENT, here + _BENT], elbow.lower, elbow.upper)
-    to_more = elbow.upper > -elbow.lower
-    if np.isclose(elbow.upper, -elbow.lower, rtol=_EVEN):
-        places = [
-            robot.poses({**posture, elbow.name: angle})[wrist.link].multiply(
-                np.array(wrist.point, dtype=float)
-            )
-            for angle in (fewer, more)
-        ]
-        x, _, z = places[1] - places[0]
-        ahead = x if abs(x) > abs(z) else z
-        if abs(ahead) > _MOVES:
-            to_more = ahead > 0.0
-    return float(more if to_more else fewer)
-
-
-def elbow_index(X: Mapping[str, RigidTransform], arm: Arm) -> int:
+def elbow_index(X: Poses, arm: Arm) -> int:
     """Which joint of an arm is the elbow.
 
     It is the one named so, else the fourth, if its axis is across the forearm and
     neither of upper arm and forearm is more than twice as long as the other. If not,
     it is the joint that divides the arm most evenly, among those that pass.
-
-    Args:
-        X: pose of each link at position zero.
-        arm: with three or more joints.
     """
     joints = arm.joints
     named = [i for i, j in enumerate(joints) if "elbow" in j.name.lower() and i >= 2]
@@ -458,7 +359,23 @@ def elbow_index(X: Mapping[str, RigidTransform], arm: Arm) -> int:
     return min(uneven, key=uneven.get) if uneven else usual[0]
 
 
-def wrist_joint(X, arm: Arm, elbow: int) -> Joint | None:
+def knee_index(X: Poses, leg: Arm) -> int | None:
+    """Which joint of a leg is the knee; None if none divides it like one."""
+    p = [X[joint.child].translation() for joint in leg.joints]
+    uneven = {}
+    for index in range(1, len(p) - 1):
+        thigh = np.linalg.norm(p[index] - p[0])
+        shank = np.linalg.norm(p[-1] - p[index])
+        lateral = abs(joint_axis(X, leg.joints[index])[1]) > LATERAL
+        if lateral and min(thigh, shank) > 1e-3:
+            uneven[index] = abs(np.log(thigh / shank))
+    if not uneven:
+        return None
+    best = min(uneven, key=uneven.get)
+    return best if uneven[best] < np.log(_UNEVEN) else None
+
+
+def wrist_joint(X: Poses, arm: Arm, elbow: int) -> Joint | None:
     """The joint whose origin is the wrist; None where fewer than two are left."""
     after = arm.joints[elbow + 1 :]
     if len(after) < 2:
@@ -474,33 +391,33 @@ def wrist_joint(X, arm: Arm, elbow: int) -> Joint | None:
     return wrist
 
 
-def shoulder_point(X, arm: Arm) -> np.ndarray:
+def shoulder_point(X: Poses, arm: Arm) -> np.ndarray:
     """Where an arm turns in all directions, in the root's frame."""
     first, second, third = arm.joints[:3]
-    if are_parallel(X, second, third):
+    if _are_parallel(X, second, third):
         return axes_crossing(X, first, second)
     return axes_crossing(X, second, third)
 
 
-def are_parallel(X, a: Joint, b: Joint) -> bool:
+def _are_parallel(X: Poses, a: Joint, b: Joint) -> bool:
     return bool(np.linalg.norm(np.cross(joint_axis(X, a), joint_axis(X, b))) < 0.1)
 
 
-def axes_crossing(X: dict, a: Joint, b: Joint) -> np.ndarray:
+def axes_crossing(X: Poses, a: Joint, b: Joint) -> np.ndarray:
     """The point on b's axis that is nearest to a's, in the root's frame."""
     p_a, p_b = X[a.child].translation(), X[b.child].translation()
     u, v = joint_axis(X, a), joint_axis(X, b)
     matrix = np.stack([u, -v], axis=1)
     (_, t), *_ = np.linalg.lstsq(matrix, p_b - p_a, rcond=None)
     # Parallel axes cross nowhere in particular.
-    return p_b if are_parallel(X, a, b) else p_b + t * v
+    return p_b if _are_parallel(X, a, b) else p_b + t * v
 
 
-def joint_axis(X, joint: Joint) -> np.ndarray:
+def joint_axis(X: Poses, joint: Joint) -> np.ndarray:
     """A joint's axis in the root's frame."""
     return X[joint.child].rotation().multiply(joint.axis)
 
 
-def frame_at(X: dict, link: str, p_root: np.ndarray) -> FrameChoice:
+def frame_at(X: Poses, link: str, p_root: np.ndarray) -> FrameChoice:
     point = X[link].inverse().multiply(p_root)
     return FrameChoice(link, [float(c) for c in np.round(point, 5)])

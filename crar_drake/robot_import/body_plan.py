@@ -1,5 +1,6 @@
 """What kind of body a robot has, where it is none that a person's motion fits."""
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -8,13 +9,13 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 from crar_drake.errors import ModelError
 from crar_drake.robot_import.anatomy import (
     FEWEST_JOINTS,
-    Anatomy,
-    chain_ends,
+    Arms,
     mirrored_chains,
+    own_joints,
 )
+from crar_drake.robot_import.body_frames import LEG_POINTS
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.leg_and_head_frames import LEG_POINTS
-from crar_drake.robot_import.source_robot import Joint, SourceRobot
+from crar_drake.robot_import.source_robot import Joint, Poses, SourceRobot
 
 _SIDES = ("left", "right")
 _UPPER = ("waist", "neck") + tuple(
@@ -33,7 +34,7 @@ _TO_DO = (
 
 def refuse_hand(robot: SourceRobot) -> None:
     """Raises ModelError if the robot is a hand alone: all its limbs are fingers."""
-    X, limbs = robot.poses(), _own_joints(robot)
+    X, limbs = robot.poses(), own_joints(robot)
     reaches = [
         np.linalg.norm(X[end].translation() - X[joints[0].parent].translation())
         for end, joints in limbs.items()
@@ -48,18 +49,12 @@ def refuse_hand(robot: SourceRobot) -> None:
 
 def frame_alarms(
     robot: SourceRobot,
-    anatomy: Anatomy | None,
+    anatomy: Arms | None,
     frames: Mapping[str, FrameChoice],
     floating: bool,
 ) -> list[str]:
-    """Frames that a motion of a person needs and that are not there, and why.
-
-    Args:
-        robot: in a frame whose x axis is its front.
-        anatomy: its arms.
-        frames: the motion's points.
-        floating: whether the whole body may be moved.
-    """
+    """Frames that a motion of a person needs and that are not there, and why; of a root
+    that floats those of legs, too."""
     missing = [name for name in _UPPER if name not in frames]
     if missing:
         told = _why_no_arms(robot) if anatomy is None else "not all of it was found"
@@ -83,7 +78,7 @@ def frame_alarms(
 
 def _why_no_arms(robot: SourceRobot) -> str:
     """Why a robot with several limbs has no left and right arm; "" of a single arm."""
-    limbs = [joints for joints in _own_joints(robot).values() if len(joints) >= _LIMB]
+    limbs = [joints for joints in own_joints(robot).values() if len(joints) >= _LIMB]
     if len(limbs) < 2:
         return ""
     X = robot.poses()
@@ -91,8 +86,8 @@ def _why_no_arms(robot: SourceRobot) -> str:
     legs = [
         pair
         for pair in pairs
-        if X[pair[0].joints[0].child].translation()[2]
-        - X[pair[0].hand].translation()[2]
+        if X[pair.left.joints[0].child].translation()[2]
+        - X[pair.left.hand].translation()[2]
         > _DOWN
     ]
     if len(legs) > 1 and len(legs) == len(pairs):
@@ -104,17 +99,16 @@ def _why_no_arms(robot: SourceRobot) -> str:
                 f"other with {len(left.joints)} joints; arms are found that have "
                 f"{FEWEST_JOINTS} or more"
             )
-    for i, a in enumerate(limbs):
-        for b in limbs[i + 1 :]:
-            if len(a) == len(b) >= FEWEST_JOINTS and _are_copies(X, a, b):
-                return (
-                    f"the chains that end in {a[-1].child} and {b[-1].child} are "
-                    "alike, side by side: arms are found that mirror each other"
-                )
+    for a, b in itertools.combinations(limbs, 2):
+        if len(a) == len(b) >= FEWEST_JOINTS and _are_copies(X, a, b):
+            return (
+                f"the chains that end in {a[-1].child} and {b[-1].child} are alike, "
+                "side by side: arms are found that mirror each other"
+            )
     return "no pair of arms that mirror each other was found"
 
 
-def _are_copies(X: Mapping, a: list[Joint], b: list[Joint]) -> bool:
+def _are_copies(X: Poses, a: list[Joint], b: list[Joint]) -> bool:
     """Whether one chain is the other in another place, turned or not."""
 
     def lengths(chain: list[Joint]) -> np.ndarray:
@@ -130,11 +124,7 @@ def turned_hands(robot: SourceRobot, frames: Mapping[str, FrameChoice]) -> list[
     for side in _SIDES:
         if not {f"{side}_hand", f"{side}_wrist", f"{side}_elbow"} <= set(frames):
             continue
-        p = [
-            X[frame.link].multiply(np.array(frame.point, dtype=float))
-            for frame in (frames[f"{side}_elbow"], frames[f"{side}_wrist"])
-        ]
-        forearm = p[1] - p[0]
+        forearm = frames[f"{side}_wrist"].place(X) - frames[f"{side}_elbow"].place(X)
         hand = frames[f"{side}_hand"]
         turned = RotationMatrix(RollPitchYaw(hand.rpy))
         x = X[hand.link].rotation().multiply(turned).matrix()[:, 0]
@@ -148,17 +138,3 @@ def turned_hands(robot: SourceRobot, frames: Mapping[str, FrameChoice]) -> list[
         "fingertips. Points follow all the same; before you use its orientation turn "
         "it: rpy in import.yaml"
     ]
-
-
-def _own_joints(robot: SourceRobot) -> dict[str, list[Joint]]:
-    """The end of each chain to its moving joints beyond those that all have."""
-    ways = {
-        end: [joint for joint in robot.path_to(end) if joint.moves]
-        for end in chain_ends(robot)
-    }
-    common = 0
-    for joints in zip(*ways.values(), strict=False):
-        if len({joint.name for joint in joints}) > 1:
-            break
-        common += 1
-    return {end: way[common:] for end, way in ways.items()} if len(ways) > 1 else ways

@@ -14,7 +14,7 @@ such capsules the one that holds the most points is taken, until all are held.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +22,7 @@ from scipy.cluster.vq import kmeans2
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, QhullError
 
-from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.meshes import Part, vertices_of
 
 TOLERANCE = 5e-3  # [m] that a vertex may lie outside
 EXCESS = 0.02  # [m] that a capsule may stick out of the hull, if nothing else is said
@@ -72,6 +72,9 @@ class FittedCapsule:
         s = (p_L - self.p_L0) @ axis / square if square > 0.0 else np.zeros(len(p_L))
         nearest = self.p_L0 + np.clip(s, 0.0, 1.0)[:, None] * axis
         return np.linalg.norm(p_L - nearest, axis=1) - self.radius
+
+
+Capsules = Mapping[str, Sequence[FittedCapsule]]  # link to its shapes, in its frame
 
 
 @dataclass(frozen=True)
@@ -126,9 +129,9 @@ def fit_link(
         the link has no volume to fit anything to. Its figures are those of `parts`.
     """
     both = [*parts, *image]
-    vertices = _vertices(both)
+    vertices = vertices_of(both)
     try:
-        hulls = Hulls([_vertices(shape) for shape in (parts, image) if shape])
+        hulls = Hulls([vertices_of(shape) for shape in (parts, image) if shape])
     except QhullError:
         return None
     points = _surface_points(both)
@@ -162,16 +165,13 @@ def fit_link(
 
 def judged(capsules: tuple[FittedCapsule, ...], parts: Sequence[Part]) -> Fit:
     """Some capsules with their figures for a link's parts."""
-    vertices = _vertices(parts)
+    vertices = vertices_of(parts)
     return _judge(capsules, vertices, Hulls([vertices]))
 
 
-def coverage(capsules: tuple[FittedCapsule, ...], vertices: np.ndarray) -> float:
-    """Share of vertices inside of a capsule or within 5 mm."""
-    if not capsules:
-        return 0.0
-    d = np.min([capsule.distance(vertices) for capsule in capsules], axis=0)
-    return float(np.mean(d <= TOLERANCE))
+def coverage(capsules: Sequence[FittedCapsule], vertices: np.ndarray) -> float:
+    """Share of vertices (N, 3) inside of a capsule or within 5 mm."""
+    return float(np.mean(_outside(capsules, vertices) <= TOLERANCE))
 
 
 class Hulls:
@@ -236,11 +236,11 @@ class Hulls:
 
 
 def _judge(capsules, vertices, hulls: Hulls) -> Fit:
-    d = np.min([capsule.distance(vertices) for capsule in capsules], axis=0)
+    d = _outside(capsules, vertices)
     return Fit(
         capsules,
         float(np.mean(d <= TOLERANCE)),
-        _Grid(vertices).volume(capsules) / hulls.volume,
+        _volume_of_union(capsules) / hulls.volume,
         float(max(0.0, d.max())),
         max(hulls.excess(capsule) for capsule in capsules),
     )
@@ -296,6 +296,7 @@ def _cover(
 
 
 def _outside(capsules: Sequence[FittedCapsule], points: np.ndarray) -> np.ndarray:
+    """(N,) signed distances of points (N, 3) to the nearest capsule [m]."""
     if not capsules:
         return np.full(len(points), np.inf)
     return np.min([capsule.distance(points) for capsule in capsules], axis=0)
@@ -359,31 +360,21 @@ def _distances_to_axes(points, p_0, p_1) -> np.ndarray:
     return np.sqrt(np.maximum(apart + s * (s * square - 2.0 * along), 0.0))
 
 
-def _vertices(parts: Sequence[Part]) -> np.ndarray:
-    return np.concatenate([part.vertices for part in parts])
-
-
-class _Grid:
-    """Counts the volume of a union of capsules on a regular grid."""
-
-    def __init__(self, vertices: np.ndarray) -> None:
-        self._lower, self._upper = vertices.min(axis=0), vertices.max(axis=0)
-
-    def volume(self, capsules: tuple[FittedCapsule, ...]) -> float:
-        ends = [(c.p_L0, c.p_L1, c.radius) for c in capsules]
-        lower = np.min([np.minimum(a, b) - r for a, b, r in ends], axis=0)
-        upper = np.max([np.maximum(a, b) + r for a, b, r in ends], axis=0)
-        cell = (upper - lower).max() / _CELLS
-        axes = [
-            np.arange(lo + cell / 2, up, cell)
-            for lo, up in zip(lower, upper, strict=True)
-        ]
-        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        inside = np.zeros(len(points), dtype=bool)
-        for capsule in capsules:
-            outside = np.flatnonzero(~inside)
-            inside[outside] = capsule.distance(points[outside]) <= 0.0
-        return float(inside.sum() * cell**3)
+def _volume_of_union(capsules: Sequence[FittedCapsule]) -> float:
+    """Of some capsules together, counted on a regular grid [m^3]."""
+    ends = [(c.p_L0, c.p_L1, c.radius) for c in capsules]
+    lower = np.min([np.minimum(a, b) - r for a, b, r in ends], axis=0)
+    upper = np.max([np.maximum(a, b) + r for a, b, r in ends], axis=0)
+    cell = (upper - lower).max() / _CELLS
+    axes = [
+        np.arange(lo + cell / 2, up, cell) for lo, up in zip(lower, upper, strict=True)
+    ]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    inside = np.zeros(len(points), dtype=bool)
+    for capsule in capsules:
+        outside = np.flatnonzero(~inside)
+        inside[outside] = capsule.distance(points[outside]) <= 0.0
+    return float(inside.sum() * cell**3)
 
 
 def _surface_points(parts: Sequence[Part]) -> np.ndarray:
@@ -411,22 +402,19 @@ def _splits(points: np.ndarray, number: int):
         return
     centred = points - points.mean(axis=0)
     _, _, principal = np.linalg.svd(centred, full_matrices=False)
-    for axis in principal:
+
+    def slices(axis: np.ndarray, count: int) -> np.ndarray:
         along = centred @ axis
-        edges = np.linspace(along.min(), along.max(), number + 1)[1:-1]
-        yield np.searchsorted(edges, along)
+        edges = np.linspace(along.min(), along.max(), count + 1)[1:-1]
+        return np.searchsorted(edges, along)
+
+    for axis in principal:
+        yield slices(axis, number)
     # Across both shorter axes: bundles of parallel capsules, for boxes.
     for columns in (2, 3):
         if number % columns == 0 and number > columns:
-            labels = np.zeros(len(points), dtype=int)
-            for axis, pieces in (
-                (principal[1], columns),
-                (principal[2], number // columns),
-            ):
-                along = centred @ axis
-                edges = np.linspace(along.min(), along.max(), pieces + 1)[1:-1]
-                labels = labels * pieces + np.searchsorted(edges, along)
-            yield labels
+            rows = number // columns
+            yield slices(principal[1], columns) * rows + slices(principal[2], rows)
     _, labels = kmeans2(centred, number, minit="++", seed=0)
     yield labels
 

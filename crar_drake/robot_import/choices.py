@@ -9,9 +9,12 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from crar_drake.errors import ModelError
 from crar_drake.files import write_whole
 from crar_drake.robot.description import check_soles
+from crar_drake.robot_import.source_robot import Poses
 from crar_drake.yaml_files import load_yaml, read_text
 
 BASES = ("prescribed", "floating", "fixed")
@@ -62,6 +65,10 @@ class FrameChoice:
     link: str = ""
     point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+    def place(self, X: Poses) -> np.ndarray:
+        """(3,) where it is, in the frame of the links' poses [m]."""
+        return X[self.link].multiply(np.array(self.point, dtype=float))
 
 
 @dataclass
@@ -198,13 +205,8 @@ def load_choices(path: Path) -> ImportChoices:
 
 
 def save_choices(path: Path, choices: ImportChoices, guessed: dict[str, str]) -> None:
-    """Writes what is new into the file and leaves the rest of it as it is.
-
-    Args:
-        path: of the import file; it need not be there yet.
-        choices: complete.
-        guessed: key to how it was guessed, of those that are not in the file.
-    """
+    """Writes what is new into the import file, if there is one, and leaves the rest of
+    it as it is: keys that were guessed, and how."""
     text = path.read_text(encoding="utf-8") if path.is_file() else ""
     if not text:
         text = _HEADER

@@ -1,19 +1,19 @@
 """Which way is up on a robot, and which way it looks: from the symmetry of its limbs,
 their names, and its feet."""
 
-from collections.abc import Mapping, Sequence
+import os
 from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.robot_import.anatomy import (
-    Anatomy,
+    Arms,
     find_anatomy,
     find_leg_chains,
     welded_below,
 )
-from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.meshes import Looks, vertices_of
 from crar_drake.robot_import.source_robot import SourceRobot
 
 # Axes of the root link, in its own frame; the usual way up comes first.
@@ -43,13 +43,8 @@ class FacingGuess:
 
 
 def turned(robot: SourceRobot, facing: str, up: str = "+z") -> SourceRobot:
-    """The robot with poses in a frame whose x axis is its front, its z axis up.
-
-    Args:
-        robot: as the URDF has it.
-        facing: one of `choices.AXES`.
-        up: another one, across it.
-    """
+    """The robot with poses in a frame whose x axis is its front, its z axis up, both
+    axes of the root link (`choices.AXES`)."""
     x, z = _AXES[facing], _AXES[up]
     R_FR = RotationMatrix(np.stack([x, np.cross(z, x), z]))
     return replace(robot, X_FR=RigidTransform(R_FR, np.zeros(3)))
@@ -71,7 +66,7 @@ def guess_up(robot: SourceRobot) -> str:
             X = there.poses()
             shoulder = X[anatomy.left.joints[0].child].translation()[2]
             legs = find_leg_chains(there, anatomy)
-            if legs and shoulder > X[legs[0].joints[0].child].translation()[2]:
+            if legs and shoulder > X[legs.left.joints[0].child].translation()[2]:
                 return up
             if up == "+z" or shoulder > 0.0:
                 with_arms.append(up)
@@ -83,19 +78,12 @@ def _across(up: str) -> list[str]:
     return [axis for axis in ("+x", "+y", "+z") if axis[1] != up[1]]
 
 
-def guess_facing(
-    robot: SourceRobot, parts: Mapping[str, Sequence[Part]], up: str = "+z"
-) -> FacingGuess:
+def guess_facing(robot: SourceRobot, parts: Looks, up: str = "+z") -> FacingGuess:
     """The axis of the root link that the robot looks along.
 
     Arms that mirror each other leave two directions; which of them is the front is
     said by what is called left and right, else by the feet, whose toes are ahead of
     the ankles.
-
-    Args:
-        robot: as the URDF has it.
-        parts: link to its real look, in its frame.
-        up: the axis of the root link that points up.
     """
     for facing in _across(up):
         there = turned(robot, facing, up)
@@ -126,36 +114,28 @@ def guess_facing(
     )
 
 
-def _named_left(anatomy: Anatomy) -> int:
+def _named_left(anatomy: Arms) -> int:
     """1 if what is at +y is called left, -1 if it is called right, 0 if neither."""
-    votes = [
-        side_of_names(a.name, b.name)
-        for a, b in zip(anatomy.left.joints, anatomy.right.joints, strict=True)
-    ]
-    votes.append(side_of_names(anatomy.left.hand, anatomy.right.hand))
-    return int(np.sign(sum(votes)))
+    names = [[*(joint.name for joint in arm.joints), arm.hand] for arm in anatomy]
+    return int(np.sign(sum(map(side_of_names, *names))))
 
 
 def side_of_names(a: str, b: str) -> int:
     """What two mirrored things' names say: 1 if `a` is the left one, -1 if `b` is."""
     a, b = a.lower(), b.lower()
-    start = 0
-    while start < min(len(a), len(b)) and a[start] == b[start]:
-        start += 1
+    start = len(os.path.commonprefix([a, b]))
     first = (a[start : start + 1], b[start : start + 1])
     return {("l", "r"): 1, ("r", "l"): -1}.get(first, 0)
 
 
-def _toes(
-    robot: SourceRobot, anatomy: Anatomy, parts: Mapping[str, Sequence[Part]]
-) -> int:
+def _toes(robot: SourceRobot, anatomy: Arms, parts: Looks) -> int:
     """1 if both feet reach farther to +x than to -x, -1 the other way, else 0."""
     signs, X = set(), robot.poses()
     for leg in find_legs(robot, anatomy):
         points = [
-            X[link].multiply(part.vertices.T).T
+            vertices_of(parts[link], X[link])
             for link in (leg, *welded_below(robot, leg))
-            for part in parts.get(link, ())
+            if parts.get(link)
         ]
         if not points:
             return 0
@@ -166,7 +146,7 @@ def _toes(
     return signs.pop() if len(signs) == 1 else 0
 
 
-def find_legs(robot: SourceRobot, anatomy: Anatomy | None) -> list[str]:
+def find_legs(robot: SourceRobot, anatomy: Arms | None) -> list[str]:
     """The foot's moving link of the left leg and of the right one, or nothing."""
     legs = find_leg_chains(robot, anatomy)
     return [leg.joints[-1].child for leg in legs] if legs else []

@@ -34,6 +34,11 @@ class ImportReport:
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
+    @property
+    def file(self) -> Path:
+        """The import file."""
+        return self.folder / IMPORT_FILE
+
     def capsules(self) -> dict[str, tuple[FittedCapsule, ...]]:
         """Link to its capsules, of those that have some of their own."""
         return {n: f.capsules for n, f in self.fits.items() if n not in self.covered}

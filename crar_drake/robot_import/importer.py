@@ -8,14 +8,10 @@ import numpy as np
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from crar_drake.errors import ModelError, nearest
+from crar_drake.errors import ModelError
 from crar_drake.files import whole_set, write_whole
-from crar_drake.robot.description import (
-    IMPORT_FILE,
-    RobotDescription,
-    RootPose,
-    add_robot,
-)
+from crar_drake.resources import require_packages
+from crar_drake.robot.description import IMPORT_FILE, RobotDescription, add_robot
 from crar_drake.robot_import.alarms import (
     floor_alarms,
     limb_alarms,
@@ -25,17 +21,16 @@ from crar_drake.robot_import.alarms import (
 )
 from crar_drake.robot_import.anatomy import find_anatomy, link_twins
 from crar_drake.robot_import.body_plan import frame_alarms, refuse_hand, turned_hands
+from crar_drake.robot_import.capsule_fitting import Fit
 from crar_drake.robot_import.choices import ImportChoices, load_choices, save_choices
-from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.import_report import ImportReport, Progress
 from crar_drake.robot_import.link_bodies import (
     cover_triangles,
     find_covered,
     find_inertias,
 )
+from crar_drake.robot_import.link_fits import FitCache, LinkFits
 from crar_drake.robot_import.meshes import Part, guess_up_axis, link_parts
-from crar_drake.robot_import.mirrored_fits import LinkFits
-from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.rest_posture import (
     guess_rest_posture,
     rest_positions,
@@ -52,7 +47,7 @@ from crar_drake.robot_import.robot_folder import (
     write_meshes,
 )
 from crar_drake.robot_import.source_file import read_robot
-from crar_drake.robot_import.source_robot import WORLD, SourceRobot
+from crar_drake.robot_import.source_robot import WORLD, Positions, SourceRobot
 from crar_drake.robot_import.structure import (
     check_structure,
     face_ahead,
@@ -63,11 +58,7 @@ from crar_drake.robot_import.structure import (
 )
 from crar_drake.robot_import.tightening import tighten
 from crar_drake.robot_import.urdf_writer import BASE_JOINTS, frame_name, write_urdf
-from crar_drake.robot_import.watched_pairs import (
-    adjacent_pairs,
-    choose_pairs,
-    watch_ground,
-)
+from crar_drake.robot_import.watched_pairs import choose_pairs, watch_ground
 
 # Module to the package that brings it; trimesh imports the others when it needs them.
 _MESH_PACKAGES = {
@@ -128,34 +119,35 @@ def import_robot(
             )
         _check_given(choices, file, lock, cover, base, srdf, posture)
     else:
-        path, name = find_urdf(source)
-        choices = ImportChoices(source=name, package_paths=list(package_paths))
-        choices.lock = None if lock is None else list(lock)
-        choices.cover = cover
-        choices.base = base
-        choices.srdf = str(Path(srdf).resolve()) if srdf else ""
-        choices.posture = posture
+        _, name = find_urdf(source)
+        choices = ImportChoices(
+            source=name,
+            package_paths=list(package_paths),
+            lock=None if lock is None else list(lock),
+            cover=cover,
+            base=base,
+            srdf=str(Path(srdf).resolve()) if srdf else "",
+            posture=posture,
+        )
     choices.validate(str(file))
-    path = _locate(choices.source, out)
     progress("reading", 0.0)
-    robot = read_robot(
-        path, [Path(p) for p in (*package_paths, *choices.package_paths)]
-    )
+    folders = [Path(p) for p in (*package_paths, *choices.package_paths)]
+    robot = read_robot(_locate(choices.source, out), folders)
     choices = replace(choices, name=choices.name or robot.name)
     robot = without_world(robot, choices)
-    report = ImportReport(out, choices, notes=list(robot.notes))
-    report.warnings += robot.warnings
+    notes, warnings = list(robot.notes), list(robot.warnings)
+    report = ImportReport(out, choices, notes=notes, warnings=warnings)
     if choices.srdf:
-        robot = with_semantics(robot, out / choices.srdf, choices, report)
+        robot = with_semantics(robot, report)
     if choices.up_axis is None and (guess := guess_up_axis(robot)) is not None:
         choices.up_axis, report.guessed["up_axis"] = guess
     up_axis = choices.up_axis or "z"
     parts = {name: link_parts(link, up_axis) for name, link in robot.links.items()}
-    robot = face_ahead(robot, parts, choices, report)
+    robot = face_ahead(robot, parts, report)
     refuse_hand(robot)
-    guess_structure(robot, parts, choices, report)
+    guess_structure(robot, parts, report)
     try:
-        locked = check_structure(robot, choices, file)
+        locked = check_structure(robot, report)
     except ModelError:
         save_choices(file, choices, report.guessed)  # so that it can be corrected
         raise
@@ -163,16 +155,15 @@ def import_robot(
     segments = merge_segments(robot, locked, parts, choices)
     cache = FitCache(out / "meshes" / "fits.json")
     fits = LinkFits(robot, segments, link_twins(robot), cache)
+    found: dict[str, Fit | None] = {}
     for index, name in enumerate(segments):
-        if name in report.fits:
-            continue
-        progress(f"fitting {name}", index / len(segments))
-        found = fits.fit([name], choices.excess, choices.most_capsules)
-        report.fits |= {link: fit for link, fit in found.items() if fit is not None}
-        for link in (link for link, fit in found.items() if fit is None):
-            report.notes.append(f"link {link} is flat: it gets no collision shape")
+        if name not in found:
+            progress(f"fitting {name}", index / len(segments))
+            found |= fits.fit([name], choices.excess, choices.most_capsules)
+    for name in (name for name, fit in found.items() if fit is None):
+        report.notes.append(f"link {name} is flat: it gets no collision shape")
     # In the order of the links, which that of the pairs is.
-    report.fits = {name: report.fits[name] for name in segments if name in report.fits}
+    report.fits = {name: found[name] for name in segments if found[name] is not None}
     if file.is_file():
         cache.save()  # what is refused below need not be fitted again
     find_covered(robot, locked, segments, report)
@@ -180,9 +171,7 @@ def import_robot(
         progress("covering", 1.0)
         cover_triangles(robot, locked, segments, report)
     with whole_set(out, DESCRIPTION) as made:
-        _make(
-            made, robot, locked, parts, segments, fits, choices, report, progress, file
-        )
+        _make(made, robot, locked, parts, segments, fits, report, progress)
         save_choices(file, choices, report.guessed)
         write_whole(made / REPORT, "\n".join(report.lines()) + "\n")
         remove_old_triangles(made, out)
@@ -197,24 +186,20 @@ def _make(
     parts: dict[str, list[Part]],
     segments: dict[str, list[Part]],
     fits: LinkFits,
-    choices: ImportChoices,
     report: ImportReport,
     progress: Progress,
-    file: Path,
 ) -> None:
     """Makes the model, its description, meshes and picture in a folder, and the
     choices that need them."""
-    capsules = report.capsules()
+    choices, file = report.choices, report.file
     inertias = find_inertias(robot, locked, parts, report)
     _note_joints(robot, locked, report)
     progress("writing meshes", 1.0)
     visuals, drawn = write_meshes(folder, parts, choices.faces)
-    guess_rest_posture(robot, locked, parts, capsules, choices, report)
-    prescribed = choices.base == "prescribed"
-    floating = choices.base == "floating"
+    guess_rest_posture(robot, locked, parts, report)
     # A robot with a waist stands on the floor, although its base is fixed.
     rest_posture = dict(choices.rest_posture)
-    lifted = not prescribed and "waist_z" not in robot.joints
+    lifted = choices.base != "prescribed" and "waist_z" not in robot.joints
     height = rest_posture.pop("waist_z", 0.0) if lifted else 0.0
     if height and robot.root == WORLD:
         raise ModelError(
@@ -236,62 +221,51 @@ def _make(
             inertias=inertias,
         )
 
-    welded_itself = write()
     description = RobotDescription(
         name=choices.name,
         model=URDF,
-        base="" if welded_itself else robot.root,
-        prescribed_joints={name: by for name, (_, _, by) in BASE_JOINTS.items()}
-        if prescribed
-        else {},
-        root="prescribed" if floating else "fixed",
-        root_pose=rest_root_pose(robot, height) if floating else RootPose(),
+        base="" if write() else robot.root,
         task_frames={point: frame_name(point) for point in choices.frames},
         rest_posture=rest_posture,
         soles=choices.soles,
         folder=str(folder),
     )
+    if choices.base == "prescribed":
+        driven = {name: by for name, (_, _, by) in BASE_JOINTS.items()}
+        description.prescribed_joints = driven
+    elif choices.base == "floating":
+        description.root = "prescribed"
+        description.root_pose = rest_root_pose(robot, height)
     plant = _parse(description)
-    for link in choices.soles:
-        if not plant.HasBodyNamed(link):
-            raise ModelError(
-                f"{file}: soles: the robot has no link {link!r}"
-                f"{nearest(link, robot.links)}"
-            )
     rest = rest_positions(plant, rest_posture, file)
     # With all triangles held there is nothing to be closer.
     if not choices.cover:
         progress("comparing capsules with meshes", 1.0)
-        adjacent = adjacent_pairs(robot, capsules)
-        if tighten(plant, robot, locked, segments, rest, adjacent, fits, report):
-            capsules = report.capsules()
+        if tighten(plant, robot, locked, segments, rest, fits, report):
             write()
             plant = _parse(description)
+    anatomy = find_anatomy(robot)
     report.warnings += limb_alarms(robot, choices.frames)
-    report.warnings += frame_alarms(
-        robot, find_anatomy(robot), choices.frames, choices.base == "floating"
-    )
+    floating = choices.base == "floating"
+    report.warnings += frame_alarms(robot, anatomy, choices.frames, floating)
     report.notes += turned_hands(robot, choices.frames)
     report.warnings += number_alarms(robot, locked)
-    anatomy = find_anatomy(robot)
     report.warnings += mirrored_range_alarms(robot, anatomy, locked)
     if anatomy is not None:
         height = choices.rest_posture.get("waist_z", 0.0)
         posture = {**rest_posture, **locked}
         report.warnings += floor_alarms(robot, parts, posture, height, anatomy)
     progress("sampling pairs", 1.0)
-    overlapping = choose_pairs(
-        plant, robot, locked, capsules, rest, choices, report, file
-    )
+    overlapping = choose_pairs(plant, robot, rest, report)
     report.warnings += pair_alarms(
         robot, locked, segments, rest_posture, choices.pairs, overlapping
     )
     description.pairs = choices.pairs
-    watch_ground(description, plant, rest, capsules, choices, report, file)
+    watch_ground(description, plant, rest, report)
     description.validate()
     write_description(folder, description)
     progress("drawing", 1.0)
-    draw_picture(folder, plant, description, rest, drawn, capsules)
+    draw_picture(folder, plant, description, rest, drawn, report.capsules())
 
 
 def check_installed() -> None:
@@ -347,7 +321,7 @@ def _locate(source: str, out: Path) -> Path:
     return find_urdf(beside if beside.is_file() else source)[0]
 
 
-def _note_joints(robot, locked, report: ImportReport) -> None:
+def _note_joints(robot: SourceRobot, locked: Positions, report: ImportReport) -> None:
     moving = [j for j in robot.joints.values() if j.moves and j.name not in locked]
     report.notes.append(f"controlled joints: {', '.join(j.name for j in moving)}")
     sliding = [j for j in moving if j.kind == "prismatic"]
@@ -356,15 +330,16 @@ def _note_joints(robot, locked, report: ImportReport) -> None:
             "joints that slide, with positions in m, speeds in m/s and efforts in N: "
             + ", ".join(f"{j.name} ({j.lower:g} to {j.upper:g} m)" for j in sliding)
         )
-    unlimited = [j.name for j in moving if not np.isfinite(j.lower)]
-    if unlimited:
-        report.notes.append(f"joints without limits: {', '.join(unlimited)}")
-    no_effort = [j.name for j in moving if not j.effort]
-    if no_effort:
-        report.notes.append(f"joints without an effort limit: {', '.join(no_effort)}")
-    no_speed = [j.name for j in moving if not j.velocity]
-    if no_speed:
-        report.notes.append(f"joints without a velocity limit: {', '.join(no_speed)}")
+    lacking = {
+        "limits": [j.name for j in moving if not np.isfinite(j.lower)],
+        "an effort limit": [j.name for j in moving if not j.effort],
+        "a velocity limit": [j.name for j in moving if not j.velocity],
+    }
+    report.notes += [
+        f"joints without {what}: {', '.join(names)}"
+        for what, names in lacking.items()
+        if names
+    ]
     report.notes.append("every controlled joint was given an actuator of its name")
 
 

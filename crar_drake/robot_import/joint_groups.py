@@ -1,16 +1,16 @@
 """Which part of the body each joint moves, and by that which joints are locked."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from crar_drake.robot_import.anatomy import (
-    Anatomy,
+    Arms,
     chain_ends,
     find_leg_chains,
     longest_chains,
 )
-from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.meshes import Looks, vertices_of
 from crar_drake.robot_import.source_robot import Joint, SourceRobot
 
 # What is locked unless the import file says otherwise: all that no arm needs.
@@ -23,9 +23,7 @@ _HEAD_START = 0.5  # that a neck starts at, at least
 
 
 def joint_groups(
-    robot: SourceRobot,
-    anatomy: Anatomy | None,
-    parts: Mapping[str, Sequence[Part]] | None = None,
+    robot: SourceRobot, anatomy: Arms | None, parts: Looks | None = None
 ) -> dict[str, str]:
     """Each joint that is not fixed, to one of `choices.GROUPS`.
 
@@ -34,21 +32,16 @@ def joint_groups(
     shoulders, the head if it reaches above them, else it is other; what branches off an
     arm's end is a hand. Of a robot without a pair of arms the longest chain is the arm,
     or all are if several are as long; what is beyond is a hand, all else is other.
-
-    Args:
-        robot: in a frame whose x axis is its front.
-        anatomy: its arms.
-        parts: link to its real look, in its frame; without it a link is a point.
+    Without looks a link is a point.
     """
     if anatomy is None:
         return _of_one_arm(robot)
     groups: dict[str, str] = {}
-    arms = {j.name for arm in (anatomy.left, anatomy.right) for j in arm.joints}
-    ends = [arm.joints[-1] for arm in (anatomy.left, anatomy.right)]
+    ends = [arm.joints[-1] for arm in anatomy]
     way = {j.name for end in ends for j in robot.path_to(end.child)}
     last = {end.name for end in ends}
-    legs = find_leg_chains(robot, anatomy) or ()
-    in_legs = {joint.name for leg in legs for joint in leg.joints}
+    legs = find_leg_chains(robot, anatomy)
+    in_arms, in_legs = anatomy.joints, legs.joints if legs else set()
     extents = _Extents(robot, anatomy, parts or {})
     for link in robot.below(robot.root):
         joint = robot.parent_joint(link)
@@ -56,12 +49,12 @@ def joint_groups(
             continue
         above = _moving_above(robot, joint)
         if joint.name in way:
-            group = "arms" if joint.name in arms else "trunk"
+            group = "arms" if joint.name in in_arms else "trunk"
         elif joint.name in in_legs:
             group = "legs"
         elif above is not None and above.name not in way:
             group = groups[above.name]  # farther out on a branch
-        elif above is not None and above.name in arms:
+        elif above is not None and above.name in in_arms:
             group = "hands" if above.name in last else "other"
         else:
             group = extents.group(joint)
@@ -90,17 +83,13 @@ def _of_one_arm(robot: SourceRobot) -> dict[str, str]:
 
 def guess_locked(
     robot: SourceRobot,
-    anatomy: Anatomy | None,
-    parts: Mapping[str, Sequence[Part]] | None = None,
+    anatomy: Arms | None,
+    parts: Looks | None = None,
     lock: Sequence[str] = DEFAULT_LOCK,
 ) -> dict[str, float]:
-    """The joints of some groups, at zero or where their limits let them be nearest,
-    and those that cannot be controlled; of arms those are in the middle of their range.
-
-    Args:
-        robot, anatomy, parts: as `joint_groups` has them.
-        lock: groups of `choices.GROUPS`.
-    """
+    """The joints of some groups (`choices.GROUPS`), at zero or where their limits let
+    them be nearest, and those that cannot be controlled; of arms those are in the
+    middle of their range [rad or m]."""
     groups = joint_groups(robot, anatomy, parts)
     bound = uncontrollable(robot)
 
@@ -153,26 +142,22 @@ def _moving_above(robot: SourceRobot, joint: Joint) -> Joint | None:
 class _Extents:
     """From where to where the branches of a trunk reach."""
 
-    def __init__(self, robot: SourceRobot, anatomy: Anatomy, parts) -> None:
+    def __init__(self, robot: SourceRobot, anatomy: Arms, parts: Looks) -> None:
         self._robot = robot
         X = robot.poses()
         self._start = {link: X[link].translation()[2] for link in robot.links}
-        self._heights = {
-            link: np.concatenate(
-                [[z], *(X[link].multiply(p.vertices.T)[2] for p in parts.get(link, ()))]
-            )
-            for link, z in self._start.items()
-        }
-        shoulders = [
-            self._start[arm.joints[0].child] for arm in (anatomy.left, anatomy.right)
-        ]
-        self._neck = float(np.mean(shoulders))
-        self._floor = float(min(map(np.min, self._heights.values())))
+        self._ends = {}  # of each link, its lowest and its highest place
+        for link, z in self._start.items():
+            look = parts.get(link)
+            heights = np.append(vertices_of(look, X[link])[:, 2] if look else [], z)
+            self._ends[link] = heights.min(), heights.max()
+        self._neck = float(np.mean([self._start[a.joints[0].child] for a in anatomy]))
+        self._floor = float(min(bottom for bottom, _ in self._ends.values()))
 
     def group(self, joint: Joint) -> str:
         """legs, head or other, of a joint that the trunk carries."""
-        heights = [self._heights[link] for link in self._robot.below(joint.child)]
-        bottom, top = min(map(np.min, heights)), max(map(np.max, heights))
+        ends = [self._ends[link] for link in self._robot.below(joint.child)]
+        bottom, top = min(low for low, _ in ends), max(high for _, high in ends)
         start, tall = self._start[joint.child], self._neck - self._floor
         down, up = start - bottom, top - start
         share = (start - self._floor) / tall if tall > 0.0 else 1.0

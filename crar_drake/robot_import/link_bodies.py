@@ -1,36 +1,49 @@
 """What links are made of: capsules that others enclose, inertias that dynamics need."""
 
 import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.tree import RotationalInertia
 
 from crar_drake.robot_import.capsule_fitting import coverage
 from crar_drake.robot_import.covering import covered
 from crar_drake.robot_import.import_report import ImportReport
-from crar_drake.robot_import.inertias import own_mass, read_inertia, stand_in
-from crar_drake.robot_import.meshes import Part
-from crar_drake.robot_import.source_robot import WORLD, Inertia
+from crar_drake.robot_import.meshes import Looks, Part, convex_hulls, vertices_of
+from crar_drake.robot_import.source_robot import (
+    WORLD,
+    Inertia,
+    Link,
+    Positions,
+    SourceRobot,
+)
 from crar_drake.robot_import.structure import welded_groups
 
+_DENSITY = 500.0  # [kg/m^3] of a link without a mass: a hollow shell
+_SMALL_MASS = 1e-3  # [kg]
+_SMALL_INERTIA = 1e-6  # [kg m^2]
 
-def find_covered(robot, locked, parts, report: ImportReport) -> None:
+
+def find_covered(
+    robot: SourceRobot, locked: Positions, segments: Looks, report: ImportReport
+) -> None:
     """Links that lie inside another link's capsules need none of their own."""
     group = welded_groups(robot, locked)
     X = robot.poses(locked)
     by_size = sorted(
-        report.fits, key=lambda name: np.ptp(all_vertices(parts[name]), axis=0).max()
+        report.fits, key=lambda name: np.ptp(vertices_of(segments[name]), axis=0).max()
     )
     for name in by_size:
         for other in report.fits:
             if other == name or other in report.covered or group[other] != group[name]:
                 continue
-            X_OL = X[other].inverse() @ X[name]
-            p_O = all_vertices(parts[name]) @ X_OL.rotation().matrix().T
-            p_O += X_OL.translation()
+            p_O = vertices_of(segments[name], X[other].inverse() @ X[name])
             if coverage(report.fits[other].capsules, p_O) >= 0.995:
                 report.covered[name] = other
                 break
 
 
-def cover_triangles(robot, locked, segments, report: ImportReport) -> None:
+def cover_triangles(
+    robot: SourceRobot, locked: Positions, segments: Looks, report: ImportReport
+) -> None:
     """Grows each link's capsules to hold its triangles, and those of links inside."""
     X, grown = robot.poses(locked), {}
     for name in report.fits:
@@ -48,11 +61,9 @@ def cover_triangles(robot, locked, segments, report: ImportReport) -> None:
     )
 
 
-def all_vertices(parts: list[Part]) -> np.ndarray:
-    return np.concatenate([part.vertices for part in parts])
-
-
-def find_inertias(robot, locked, parts, report: ImportReport) -> dict[str, Inertia]:
+def find_inertias(
+    robot: SourceRobot, locked: Positions, parts: Looks, report: ImportReport
+) -> dict[str, Inertia]:
     """The URDF's inertias, and a stand-in where the dynamics need one."""
     group = welded_groups(robot, locked)
     inertias: dict[str, Inertia] = {}
@@ -61,8 +72,8 @@ def find_inertias(robot, locked, parts, report: ImportReport) -> dict[str, Inert
         inertia, complaint = read_inertia(link)
         if inertia is not None:
             inertias[name] = inertia
-        elif own_mass(link) > 0.0:
-            inertias[name] = stand_in(parts[name], own_mass(link))
+        elif link.mass > 0.0:
+            inertias[name] = stand_in(parts[name], link.mass)
             report.notes.append(
                 f"inertia: link {name} {complaint}: taken from its convex hull"
             )
@@ -97,3 +108,42 @@ def find_inertias(robot, locked, parts, report: ImportReport) -> dict[str, Inert
     if robot.root not in massive and robot.root != WORLD:
         inertias[robot.root] = stand_in([], 0.0)
     return inertias
+
+
+def read_inertia(link: Link) -> tuple[Inertia | None, str]:
+    """The link's own inertia, and what is wrong with it ("" if nothing)."""
+    inertia = link.inertia
+    if inertia is None:
+        return None, "has no inertia"
+    if inertia.mass <= 0.0:
+        return None, "has no mass"
+    if not inertia.moments.any():
+        return None, f"has {inertia.mass:g} kg but an inertia of zero"
+    if not _is_possible(inertia.moments):
+        return None, f"has an inertia that no body of {inertia.mass:g} kg can have"
+    return inertia, ""
+
+
+def stand_in(parts: list[Part], mass: float) -> Inertia:
+    """An inertia from the link's convex hulls, with the given mass if there is one."""
+    import trimesh
+
+    hulls = convex_hulls(parts)
+    if not hulls:
+        mass = mass or _SMALL_MASS
+        return Inertia(mass, RigidTransform(), np.eye(3) * _SMALL_INERTIA)
+    hull = trimesh.util.concatenate([trimesh.Trimesh(*each) for each in hulls])
+    hull.density = mass / hull.volume if mass else _DENSITY
+    moments = np.asarray(hull.moment_inertia)
+    return Inertia(float(hull.mass), RigidTransform(hull.center_mass), moments)
+
+
+def _is_possible(moments: np.ndarray) -> bool:
+    if not np.isfinite(moments).all():
+        return False
+    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = moments
+    try:
+        inertia = RotationalInertia(ixx, iyy, izz, ixy, ixz, iyz)
+        return bool(inertia.CouldBePhysicallyValid())
+    except RuntimeError:
+        return False

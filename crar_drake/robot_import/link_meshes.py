@@ -18,8 +18,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 
 from crar_drake.errors import ModelError
+from crar_drake.resources import require_packages
 from crar_drake.robot_import.meshes import Part, link_parts
-from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.robot_folder import triangles_file
 from crar_drake.robot_import.source_robot import Link, Shape, drake_shape
 
@@ -43,13 +43,8 @@ class LinkMesh:
 
 
 def has_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> bool:
-    """Whether a link has a mesh of a file; primitives and convex points alone are what
-    the referee knows.
-
-    Args:
-        plant: finalized.
-        scene_graph: where it is registered.
-    """
+    """Whether a link of a finalized plant has a mesh of a file; primitives and convex
+    points alone are what the referee knows."""
     inspector = scene_graph.model_inspector()
     return any(
         _is_of_file(inspector.GetShape(geometry))
@@ -76,19 +71,16 @@ def read_link_meshes(
     scene_graph: SceneGraph,
     links: Collection[str] | None = None,
 ) -> list[LinkMesh]:
-    """Reads the visual shapes of each link, or if it has none its collision shapes.
+    """Reads the visual shapes of each link of a finalized plant, or if it has none its
+    collision shapes.
 
     Of a robot that `crar-drake import-robot` made, all triangles of its meshes are
     read, not the simplified ones that are drawn. Primitives become triangles as the
     import makes them. A half space has none and is left out.
 
-    Args:
-        plant: finalized.
-        scene_graph: where it is registered.
-        links: which to read; by default all.
-
     Returns:
-        One entry for each link that has a shape, the world among them.
+        One entry for each link that has a shape, the world among them; or for those of
+        `links` alone.
 
     Raises:
         ModelError: a mesh file is not there, cannot be read, or has no triangles; the
@@ -148,9 +140,7 @@ def _shape(shape: DrakeShape, X_LG: RigidTransform, link: str) -> Shape | None:
             f"link {link!r}: cannot be judged by meshes: it has a "
             f"{type(shape).__name__} (judge by the collision shapes alone: --no-meshes)"
         )
-    if path is not None:
-        found = replace(found, mesh=replace(found.mesh, path=path))
-    return found
+    return found if path is None else replace(found, path=path)
 
 
 def _file(shape: Mesh | Convex, link: str) -> Path:

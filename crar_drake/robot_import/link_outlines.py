@@ -13,6 +13,7 @@ from crar_drake.robot_import.link_meshes import (
     has_meshes,
     read_link_meshes,
 )
+from crar_drake.robot_import.meshes import vertices_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,20 +34,14 @@ def link_outlines(
     scene_graph: SceneGraph,
     meshes: list[LinkMesh] | None = None,
 ) -> dict[str, LinkOutline]:
-    """Link to its outline, of those that have a shape.
-
-    Args:
-        plant: finalized; its links have meshes, or else capsules and spheres.
-        scene_graph: where it is registered.
-        meshes: of `read_link_meshes`, if they were read already.
-    """
+    """Link to its outline, of those that have a shape: of a finalized plant whose links
+    have meshes (of `read_link_meshes`, if read already), or capsules and spheres."""
     if has_meshes(plant, scene_graph):
         outlines = {}
         if meshes is None:
             meshes = read_link_meshes(plant, scene_graph)
         for link in meshes:
-            vertices = np.concatenate([part.vertices for part in link.parts])
-            hull = _hull(vertices)
+            hull = _hull(vertices_of(link.parts))
             outlines[link.name] = LinkOutline(hull, np.zeros(len(hull)))
     else:
         outlines = capsule_outlines(plant, scene_graph)

@@ -17,7 +17,13 @@ from pydrake.math import RigidTransform
 from crar_drake.errors import ModelError
 from crar_drake.files import write_whole
 from crar_drake.robot.mesh_files import Y_UP, Z_UP, read_meshes
-from crar_drake.robot_import.source_robot import Link, Mesh, Shape, SourceRobot
+from crar_drake.robot_import.source_robot import (
+    Link,
+    Poses,
+    Positions,
+    Shape,
+    SourceRobot,
+)
 
 _HEAD = 20_000  # bytes of a DAE file, which its asset element is within
 _GREY = (0.7, 0.7, 0.7, 1.0)
@@ -43,11 +49,57 @@ class Part:
         return Part(vertices, self.faces, self.rgba)
 
 
+Looks = Mapping[str, Sequence[Part]]  # link to its real look, in its frame
+
+
+def vertices_of(
+    parts: Sequence[Part], X_AL: RigidTransform | None = None
+) -> np.ndarray:
+    """(N, 3) all vertices of a link's parts, in its frame or in another one A [m]."""
+    vertices = np.concatenate([part.vertices for part in parts])
+    return vertices if X_AL is None else X_AL.multiply(vertices.T).T
+
+
 def triangles_of(parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (N, 3) and faces (M, 3) of all parts together."""
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [part.faces + n for part, n in zip(parts, first, strict=False)]
-    return np.concatenate([part.vertices for part in parts]), np.concatenate(faces)
+    return vertices_of(parts), np.concatenate(faces)
+
+
+class Surfaces:
+    """How far links are apart by their triangles, which are prepared when they are
+    first asked for."""
+
+    def __init__(self, segments: Looks) -> None:
+        self._segments = segments
+        self._trees: dict = {}
+
+    def gap(self, X: Poses, a: str, b: str) -> float:
+        """Distance of two links' nearest triangles; 0 where some intersect [m]."""
+        import fcl
+
+        placed = [
+            fcl.CollisionObject(
+                self._tree(name),
+                fcl.Transform(X[name].rotation().matrix(), X[name].translation()),
+            )
+            for name in (a, b)
+        ]
+        found = fcl.distance(*placed, fcl.DistanceRequest(), fcl.DistanceResult())
+        return max(0.0, float(found))
+
+    def _tree(self, name: str):
+        import fcl
+
+        if name not in self._trees:
+            vertices, faces = triangles_of(self._segments[name])
+            tree = fcl.BVHModel()
+            tree.beginModel(len(vertices), len(faces))
+            tree.addSubModel(vertices, faces)
+            tree.endModel()
+            self._trees[name] = tree
+        return self._trees[name]
 
 
 def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
@@ -68,20 +120,13 @@ def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
 
 
 def lowest_points(
-    robot: SourceRobot,
-    parts: Mapping[str, Sequence[Part]],
-    positions: Mapping[str, float] | None = None,
+    robot: SourceRobot, parts: Looks, positions: Positions | None = None
 ) -> dict[str, float]:
-    """How low each link that has a look reaches, in the root's frame [m].
-
-    Args:
-        robot: whose links they are.
-        parts: link to its real look, in its frame.
-        positions: joint to position [rad or m]; those not named are at 0.
-    """
-    X = robot.poses(dict(positions or {}))
+    """How low each link that has a look reaches, joints being at zero or where
+    `positions` says [m]."""
+    X = robot.poses(positions)
     return {
-        link: float(min(X[link].multiply(p.vertices.T)[2].min() for p in of_link))
+        link: float(vertices_of(of_link, X[link])[:, 2].min())
         for link, of_link in parts.items()
         if of_link
     }
@@ -110,16 +155,15 @@ def guess_up_axis(robot: SourceRobot) -> tuple[str, str] | None:
     apart = {"z": 0.0, "file": 0.0}
     told = False
     for name, link in robot.links.items():
-        meshes = [s.mesh for s in link.visual or link.collision if s.mesh is not None]
-        if not any(dae_up_axis(mesh.path) != "z" for mesh in meshes):
+        files = [s.path for s in link.visual or link.collision if s.path is not None]
+        if all(dae_up_axis(path) == "z" for path in files):
             continue
         told = True
         joints = [joint.X_PC.translation() for joint in robot.children(name)]
         p_L = np.array([np.zeros(3), *joints])
         for reading in apart:
-            parts = link_parts(link, reading)
-            lower = np.min([part.vertices.min(axis=0) for part in parts], axis=0)
-            upper = np.max([part.vertices.max(axis=0) for part in parts], axis=0)
+            vertices = vertices_of(link_parts(link, reading))
+            lower, upper = vertices.min(axis=0), vertices.max(axis=0)
             outside = np.maximum(np.maximum(lower - p_L, p_L - upper), 0.0)
             apart[reading] += float(np.linalg.norm(outside, axis=1).sum())
     if not told:
@@ -136,9 +180,9 @@ def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
     import trimesh
 
     if shape.kind == "mesh":
-        up = dae_up_axis(shape.mesh.path) if up_axis == "file" else "z"
-        up = "y" if shape.mesh.path.suffix.lower() in Y_UP else up
-        pieces = _load(shape.mesh, link, up)
+        up = dae_up_axis(shape.path) if up_axis == "file" else "z"
+        up = "y" if shape.path.suffix.lower() in Y_UP else up
+        pieces = _load(shape, link, up)
     elif shape.kind == "triangles":
         pieces = [(trimesh.Trimesh(*shape.triangles), None)]
     else:
@@ -168,7 +212,7 @@ def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
     return parts
 
 
-def _load(source: Mesh, link: str, up: str = "z") -> list[tuple]:
+def _load(source: Shape, link: str, up: str) -> list[tuple]:
     """The file's meshes, turned z up, scaled, one for each colour, with that colour."""
     import trimesh
 

@@ -12,6 +12,14 @@ _HIDDEN_GROUP = 3  # MuJoCo's viewer shows the geoms of groups below it
 _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # of a geom without a colour
 
 
+def kind_of(enumeration: str, value: int) -> str:
+    """What MuJoCo calls a value of an enumeration, as "hinge" one of "mjtJoint"."""
+    import mujoco
+
+    # "mjJNT_HINGE"
+    return getattr(mujoco, enumeration)(int(value)).name.partition("_")[2].lower()
+
+
 def body_shapes(
     model, body: int, link: str, notes: list[str]
 ) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
@@ -48,10 +56,7 @@ def body_shapes(
 
 def _shape(model, geom: int, link: str, notes: list[str]) -> Shape | None:
     """A geom; None where it has no volume of its own."""
-    import mujoco
-
-    kind = mujoco.mjtGeom(int(model.geom_type[geom])).name
-    kind = kind.removeprefix("mjGEOM_").lower()
+    kind = kind_of("mjtGeom", model.geom_type[geom])
     a, b, c = (float(v) for v in model.geom_size[geom])
     sizes = {
         "sphere": (a,),
@@ -105,13 +110,10 @@ def effort_limits(model) -> dict[int, float]:
     beyond them. Of two different bounds the nearer one counts, since an effort limit
     has but one.
     """
-    import mujoco
-
-    kinds = mujoco.mjtTrn
-    at_joint = (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
     by_actuators: dict[int, float] = {}
     for actuator in range(model.nu):
-        if int(model.actuator_trntype[actuator]) in at_joint:
+        carrier = kind_of("mjtTrn", model.actuator_trntype[actuator])
+        if carrier in ("joint", "jointinparent"):
             joint = int(model.actuator_trnid[actuator][0])
             most = _largest_force(model, actuator)
             by_actuators[joint] = by_actuators.get(joint, 0.0) + most
@@ -127,16 +129,14 @@ def effort_limits(model) -> dict[int, float]:
 
 def _largest_force(model, actuator: int) -> float:
     """Of one actuator at its joint; infinite where nothing bounds it."""
-    import mujoco
-
     most = np.inf
     if model.actuator_forcelimited[actuator]:
         most = _nearer(model.actuator_forcerange[actuator])
     # A motor's force is its control times a gain; a servo's depends on the error.
     motor = (
-        int(model.actuator_gaintype[actuator]) == int(mujoco.mjtGain.mjGAIN_FIXED)
-        and int(model.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_NONE)
-        and int(model.actuator_dyntype[actuator]) != int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
+        kind_of("mjtGain", model.actuator_gaintype[actuator]) == "fixed"
+        and kind_of("mjtBias", model.actuator_biastype[actuator]) == "none"
+        and kind_of("mjtDyn", model.actuator_dyntype[actuator]) != "integrator"
     )
     if motor and model.actuator_ctrllimited[actuator]:
         gain = abs(float(model.actuator_gainprm[actuator][0]))
@@ -164,17 +164,14 @@ def keyframe_posture(model, joint_names: Mapping[int, str]) -> dict[str, float]:
         joint_names: index in the model to name, of the robot's joints; ball and free
             joints are left out.
     """
-    import mujoco
-
     if not model.nkey:
         return {}
     keys = [model.key(i).name.lower() for i in range(model.nkey)]
     index = next((keys.index(name) for name in _NAMES if name in keys), 0)
     q = np.array(model.key_qpos[index])
-    one = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     posture = {
         name: round(float(q[model.jnt_qposadr[joint]]), 6)
         for joint, name in joint_names.items()
-        if int(model.jnt_type[joint]) in one
+        if kind_of("mjtJoint", model.jnt_type[joint]) in ("hinge", "slide")
     }
     return posture if any(posture.values()) else {}

@@ -10,14 +10,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint
 
 from crar_drake.equations.capsule_distances import capsule_distances
 from crar_drake.equations.kinematics import link_poses
 from crar_drake.robot.kinematics import JointTree
-from crar_drake.robot_import.capsule_fitting import FittedCapsule
+from crar_drake.robot_import.capsule_fitting import Capsules
+from crar_drake.robot_import.source_robot import Poses
 
 SAMPLES = 1000
 CLEAR = 0.005  # [m] that a pair keeps in the rest posture
@@ -37,34 +37,21 @@ class SampledPairs:
 
     Attributes:
         watched: pairs that can meet.
-        least: smallest distance that each of them was seen at [m].
         overlapping: pairs that are in contact (or nearly) in the rest posture.
         always: pairs in contact in nearly every configuration.
         never: number of pairs that met in no configuration.
-        contacts: share of the samples that each pair was in contact in, of those that
-            were at all.
     """
 
     watched: list[list[str]]
-    least: list[float]
     overlapping: list[list[str]]
     always: list[list[str]]
     never: int
-    contacts: dict[frozenset[str], float]
 
 
 def gaps(
-    capsules: Mapping[str, Sequence[FittedCapsule]],
-    pairs: Sequence[tuple[str, str]],
-    poses: Mapping[str, RigidTransform],
+    capsules: Capsules, pairs: Sequence[tuple[str, str]], poses: Poses
 ) -> np.ndarray:
-    """(N,) distances between the capsules of pairs of links [m].
-
-    Args:
-        capsules: link to its shapes, in its frame.
-        pairs: of links that have some.
-        poses: of the links.
-    """
+    """(N,) distances between the capsules of pairs of links [m]."""
     placed = {
         name: [(poses[name] @ c.p_L0, poses[name] @ c.p_L1, c.radius) for c in of_link]
         for name, of_link in capsules.items()
@@ -90,15 +77,10 @@ class PairDistances:
     def __init__(
         self,
         plant: MultibodyPlant,
-        capsules: Mapping[str, Sequence[FittedCapsule]],
+        capsules: Capsules,
         pairs: Sequence[tuple[str, str]],
     ) -> None:
-        """
-        Args:
-            plant: finalized.
-            capsules: link to its shapes, in its frame.
-            pairs: of links that have some.
-        """
+        """The plant is finalized; the links of pairs have capsules."""
         self.lower, self.upper = position_ranges(plant)
         self._joints = JointTree(plant)
         own, tree = self._joints.frame_of_velocity, self._joints.tree
@@ -115,18 +97,9 @@ class PairDistances:
         self._ends = np.array([ends for _, *ends, _ in flat]).reshape(-1, 2, 3)
         self._radius = np.array([radius for *_, radius in flat])
         names = [name for name, of_link in capsules.items() for _ in of_link]
-        first = {name: names.index(name) for name in set(names)}
-        count = {name: names.count(name) for name in first}
+        rows = {name: np.flatnonzero(np.array(names) == name) for name in set(names)}
         self._rows = [
-            np.array(
-                list(
-                    itertools.product(
-                        range(first[a], first[a] + count[a]),
-                        range(first[b], first[b] + count[b]),
-                    )
-                )
-            )
-            for a, b in pairs
+            np.array(list(itertools.product(rows[a], rows[b]))) for a, b in pairs
         ]
 
     def of_all(self, q: np.ndarray) -> np.ndarray:
@@ -257,7 +230,7 @@ def nearest_postures(
 
 def sample_pairs(
     plant: MultibodyPlant,
-    capsules: Mapping[str, Sequence[FittedCapsule]],
+    capsules: Capsules,
     rest: np.ndarray,
     adjacent: set[frozenset[str]],
     samples: int = SAMPLES,
@@ -268,7 +241,7 @@ def sample_pairs(
 
     Args:
         plant: finalized.
-        capsules: link to its shapes, in its frame; the order of the pairs.
+        capsules: their order is that of the pairs.
         rest: (nq,) the rest posture.
         adjacent: pairs that a joint connects, which always touch.
         samples: number of random postures, from which minimisations start.
@@ -278,7 +251,7 @@ def sample_pairs(
     """
     candidates = candidate_pairs(plant, capsules, adjacent)
     if not candidates:
-        return SampledPairs([], [], [], [], 0, {})
+        return SampledPairs([], [], [], 0)
     distances = PairDistances(plant, capsules, candidates)
     at_rest = distances.of_all(rest[np.newaxis])[0]
     rng = np.random.default_rng(0)
@@ -302,7 +275,7 @@ def sample_pairs(
     near = {frozenset(candidates[k]) for k in np.flatnonzero(least <= NEAR)}
     near |= always_watched
     near |= {frozenset((twins or {}).get(link, link) for link in pair) for pair in near}
-    watched, smallest, overlapping, always, never = [], [], [], [], 0
+    watched, overlapping, always, never = [], [], [], 0
     for index, pair in enumerate(candidates):
         if at_rest[index] < CLEAR:
             overlapping.append(list(pair))
@@ -312,19 +285,11 @@ def sample_pairs(
             never += 1
         else:
             watched.append(list(pair))
-            smallest.append(float(least[index]))
-    shares = {
-        frozenset(pair): float(share)
-        for pair, share in zip(candidates, contacts, strict=True)
-        if share > 0.0
-    }
-    return SampledPairs(watched, smallest, overlapping, always, never, shares)
+    return SampledPairs(watched, overlapping, always, never)
 
 
 def candidate_pairs(
-    plant: MultibodyPlant,
-    capsules: Mapping[str, Sequence[FittedCapsule]],
-    adjacent: set[frozenset[str]],
+    plant: MultibodyPlant, capsules: Capsules, adjacent: set[frozenset[str]]
 ) -> list[tuple[str, str]]:
     """Pairs of links with capsules that are neither joined nor welded."""
     links = [name for name in capsules if capsules[name]]

@@ -1,13 +1,14 @@
 """A picture of a robot's real meshes and of the capsules that stand for them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from pydrake.math import RigidTransform
 
-from crar_drake.robot_import.capsule_fitting import FittedCapsule
-from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.capsule_fitting import Capsules, FittedCapsule
+from crar_drake.robot_import.meshes import Looks
+from crar_drake.robot_import.source_robot import Poses
 
 # Name of a view -> the world's axes to the right, up and towards the viewer.
 _VIEWS = {
@@ -20,21 +21,13 @@ _LIGHT = np.array([0.4, 0.5, 0.8]) / np.linalg.norm([0.4, 0.5, 0.8])
 def draw_robot(
     path: Path,
     title: str,
-    poses: Mapping[str, RigidTransform],
-    parts: Mapping[str, Sequence[Part]],
-    capsules: Mapping[str, Sequence[FittedCapsule]],
+    poses: Poses,
+    parts: Looks,
+    capsules: Capsules,
     points: Mapping[str, np.ndarray],
 ) -> None:
-    """Draws front and side view: the meshes, and over them the capsules and points.
-
-    Args:
-        path: of the PNG.
-        title: over the picture.
-        poses: X_WL of every link.
-        parts: of every link.
-        capsules: of every link.
-        points: the motion's points, (3,) each, in W [m].
-    """
+    """Draws front and side view: the meshes, and over them the capsules and the
+    motion's points, (3,) each; these and the poses are in the world W [m]."""
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 

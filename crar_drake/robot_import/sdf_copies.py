@@ -13,8 +13,7 @@ from pathlib import Path
 from xml.sax.saxutils import escape, unescape
 
 from crar_drake.errors import ModelError
-from crar_drake.robot_import.mesh_finder import MeshFinder
-from crar_drake.robot_import.robot_files import read_xml, xml_text
+from crar_drake.robot_import.robot_files import MeshFinder, read_xml, xml_text
 from crar_drake.robot_import.source_urdf import refuse_loops
 
 # How the names of the visuals begin that are collisions in the original.

@@ -17,10 +17,6 @@ from crar_drake.robot_import.source_urdf import read_urdf
 def read_robot(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
     """Reads a robot by what its file's root element says that it is.
 
-    Args:
-        path: of the file.
-        package_paths: folders that contain the packages of a URDF or SDF.
-
     Raises:
         ModelError: it is no URDF, SDF or MJCF, or something in it is wrong or not
             supported.
@@ -65,8 +61,7 @@ def with_checked_limits(robot: SourceRobot) -> SourceRobot:
             )
             _check_range(robot, joint)
         joints[joint.name] = joint
-    parents = {joint.child: joint for joint in joints.values()}
-    return replace(robot, joints=joints, _parents=parents)
+    return replace(robot, joints=joints)
 
 
 def _bound(robot: SourceRobot, joint: Joint, key: str) -> float | None:

@@ -19,13 +19,14 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import ModelError
+from crar_drake.resources import require_packages
 from crar_drake.robot_import.mjcf_model import (
     body_shapes,
     effort_limits,
     keyframe_posture,
+    kind_of,
     pose_of,
 )
-from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.robot_files import default_name
 from crar_drake.robot_import.source_robot import (
     WORLD,
@@ -125,16 +126,12 @@ class _Reader:
         self._add_sites()
         loops = self._read_equalities()
         self._note_left_out(left_out)
-        parents = {joint.child: joint for joint in self._joints.values()}
-        (root,) = [link for link in self._links if link not in parents]
         name = self._name if self._name != _UNNAMED else ""
         return SourceRobot(
             (name or default_name(self._path)).replace(" ", "_"),
             self._path,
             self._links,
             self._joints,
-            root,
-            parents,
             tuple(self._notes),
             loops=loops,
             posture=keyframe_posture(self._model, self._joint_names),
@@ -153,12 +150,13 @@ class _Reader:
         first = int(self._model.body_jntadr[body])
         return range(first, first + int(self._model.body_jntnum[body]))
 
+    def _own_joints(self, body: int) -> list[int]:
+        """Those by which it does not float."""
+        return [j for j in self._joints_of(body) if self._kind(j) != "free"]
+
     def _kind(self, joint: int) -> str:
         """free, ball, slide or hinge."""
-        import mujoco
-
-        kind = mujoco.mjtJoint(int(self._model.jnt_type[joint]))
-        return kind.name.removeprefix("mjJNT_").lower()
+        return kind_of("mjtJoint", self._model.jnt_type[joint])
 
     def _select_trees(self) -> tuple[list[int], list[int]]:
         """Roots of what is the robot, and of what is not."""
@@ -188,8 +186,8 @@ class _Reader:
             self._notes.append(
                 f"left out, since it is not the robot's: {', '.join(names)}"
             )
-        if any(self._kind(joint) == "ball" for joint in self._joint_names):
-            balls = [n for j, n in self._joint_names.items() if self._kind(j) == "ball"]
+        balls = [n for j, n in self._joint_names.items() if self._kind(j) == "ball"]
+        if balls:
             self._notes.append(
                 f"ball joints are not supported: {', '.join(balls)} must be locked; "
                 "three hinges in their stead can be controlled"
@@ -230,7 +228,7 @@ class _Reader:
         return name
 
     def _name_joints(self, body: int) -> None:
-        joints = [j for j in self._joints_of(body) if self._kind(j) != "free"]
+        joints = self._own_joints(body)
         for index, joint in enumerate(joints):
             count = f"_{index + 1}" if len(joints) > 1 else ""
             otherwise = f"{self._bodies[body]}_joint{count}"
@@ -265,7 +263,7 @@ class _Reader:
     def _add_body(self, body: int, parent: str, X_PB: RigidTransform) -> None:
         """Adds a body below a link: its joints, one after the other, and its link."""
         name = self._bodies[body]
-        joints = [j for j in self._joints_of(body) if self._kind(j) != "free"]
+        joints = self._own_joints(body)
         X = X_PB
         for joint in joints:
             p = RigidTransform(np.array(self._model.jnt_pos[joint]))
@@ -318,14 +316,11 @@ class _Reader:
 
     def _add_sites(self) -> None:
         """Sites become links without geometry, which frames can name."""
-        import mujoco
-
         model = self._model
-        site_kind = int(mujoco.mjtWrap.mjWRAP_SITE)
         through = {
             int(model.wrap_objid[i])
             for i in range(model.nwrap)
-            if int(model.wrap_type[i]) == site_kind
+            if kind_of("mjtWrap", model.wrap_type[i]) == "site"
         }
         for site in range(model.nsite):
             body = int(model.site_bodyid[site])
@@ -342,12 +337,9 @@ class _Reader:
 
     def _read_equalities(self) -> tuple[Loop, ...]:
         """Joints that follow others become mimic joints; the rest closes loops."""
-        import mujoco
-
         model, loops = self._model, []
         for index in range(model.neq):
-            kind = mujoco.mjtEq(int(model.eq_type[index])).name
-            kind = kind.removeprefix("mjEQ_").lower()
+            kind = kind_of("mjtEq", model.eq_type[index])
             name = model.equality(index).name or f"{kind} {index}"
             if not model.eq_active0[index]:
                 continue
@@ -383,11 +375,9 @@ class _Reader:
 
     def _loop(self, index: int) -> list[str]:
         """The joints between two bodies of the robot that are tied together."""
-        import mujoco
-
         model = self._model
         ends = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
-        if int(model.eq_objtype[index]) == int(mujoco.mjtObj.mjOBJ_SITE):
+        if kind_of("mjtObj", model.eq_objtype[index]) == "site":
             ends = tuple(int(model.site_bodyid[site]) for site in ends)
         if any(body == 0 or body not in self._bodies for body in ends):
             return []

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import pydrake.geometry
-from pydrake.math import RigidTransform
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RigidTransform, RotationMatrix
 
 WORLD = "world"  # the link that Drake takes for its own world
 MOVING = ("revolute", "continuous", "prismatic")  # joints of one axis
 
-
-@dataclass(frozen=True)
-class Mesh:
-    """A mesh file and the scale that the URDF gives it."""
-
-    path: Path
-    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+Positions = Mapping[str, float]  # joint to position [rad or m]
+Poses = Mapping[str, RigidTransform]  # link to its pose
 
 
 @dataclass(frozen=True)
@@ -29,9 +26,9 @@ class Shape:
 
     Attributes:
         X_LG: pose of the geometry in the link's frame.
-        mesh: the mesh; None for a primitive.
         kind: "mesh", "triangles", "box", "cylinder", "sphere", "capsule" or
             "ellipsoid".
+        path, scale: the file of a mesh, and along its axes what it is scaled by.
         size: a box's edges, or (radius, length), or (radius,), or an ellipsoid's
             semi-axes [m].
         rgba: colour; None if the file has none.
@@ -41,7 +38,8 @@ class Shape:
 
     X_LG: RigidTransform
     kind: str
-    mesh: Mesh | None = None
+    path: Path | None = None
+    scale: tuple[float, ...] = (1.0, 1.0, 1.0)
     size: tuple[float, ...] = ()
     rgba: tuple[float, ...] | None = None
     triangles: tuple[np.ndarray, np.ndarray] | None = None
@@ -59,7 +57,7 @@ def drake_shape(
         shape: a mesh of a file, convex points, or a primitive.
         rgba: its colour; None if it has none.
     """
-    mesh = triangles = None
+    path, scale, size, triangles = None, (1.0, 1.0, 1.0), (), None
     match shape:
         case pydrake.geometry.Convex() if not shape.source().is_path():
             # Drake's hull has polygons, outward.
@@ -68,11 +66,10 @@ def drake_shape(
                 around = [polygon.vertex(i) for i in range(polygon.num_vertices())]
                 faces += [(around[0], a, b) for a, b in itertools.pairwise(around[1:])]
             corners = [hull.vertex(i) for i in range(hull.num_vertices())]
-            triangles = np.array(corners), np.array(faces)
-            kind, size = "triangles", ()
+            kind, triangles = "triangles", (np.array(corners), np.array(faces))
         case pydrake.geometry.Mesh() | pydrake.geometry.Convex():
-            mesh = Mesh(Path(shape.source().path()), tuple(map(float, shape.scale3())))
-            kind, size = "mesh", ()
+            kind, path = "mesh", Path(shape.source().path())
+            scale = tuple(map(float, shape.scale3()))
         case pydrake.geometry.Box():
             kind, size = "box", tuple(shape.size())
         case pydrake.geometry.Sphere():
@@ -85,7 +82,7 @@ def drake_shape(
             kind, size = "ellipsoid", (shape.a(), shape.b(), shape.c())
         case _:
             return None
-    return Shape(X_LG, kind, mesh, size, rgba, triangles)
+    return Shape(X_LG, kind, path, scale, size, rgba, triangles)
 
 
 @dataclass(frozen=True)
@@ -111,6 +108,11 @@ class Link:
     visual: tuple[Shape, ...]
     collision: tuple[Shape, ...]
     inertia: Inertia | None
+
+    @property
+    def mass(self) -> float:
+        """What the file gives [kg]; 0 if nothing."""
+        return self.inertia.mass if self.inertia else 0.0
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,8 @@ class Joint:
         if self.kind == "prismatic":
             return self.X_PC @ RigidTransform(position * self.axis)
         if self.moves:
-            return self.X_PC @ RigidTransform(_rotation(self.axis, position))
+            turn = RotationMatrix(AngleAxis(position, self.axis))
+            return self.X_PC @ RigidTransform(turn)
         return self.X_PC
 
 
@@ -182,8 +185,7 @@ class SourceRobot:
         name: of the robot.
         path: of the file.
         links: by name, in the file's order.
-        joints: by name, in the file's order.
-        root: the link without a parent.
+        joints: by name, in the file's order; the links are one tree (`check_tree`).
         notes: what was left out or read otherwise than it stands there.
         warnings: what of it is hardly meant.
         X_FR: pose of the root link in the frame F that all poses are given in: z
@@ -198,14 +200,21 @@ class SourceRobot:
     path: Path
     links: dict[str, Link]
     joints: dict[str, Joint]
-    root: str
-    _parents: dict[str, Joint] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     X_FR: RigidTransform = field(default_factory=RigidTransform)
     loops: tuple[Loop, ...] = ()
     posture: dict[str, float] = field(default_factory=dict)
     allowed: frozenset[frozenset[str]] = frozenset()
+
+    @cached_property
+    def _parents(self) -> dict[str, Joint]:
+        return {joint.child: joint for joint in self.joints.values()}
+
+    @cached_property
+    def root(self) -> str:
+        """The link without a parent."""
+        return next(link for link in self.links if link not in self._parents)
 
     def parent_joint(self, link: str) -> Joint | None:
         """The joint that carries a link; None for the root."""
@@ -227,7 +236,7 @@ class SourceRobot:
             link = joint.parent
         return way[::-1]
 
-    def poses(self, positions: dict[str, float] | None = None) -> dict:
+    def poses(self, positions: Positions | None = None) -> Poses:
         """X_FL of every link L, with joints at zero or where `positions` says."""
         positions = positions or {}
         X = {self.root: self.X_FR}
@@ -264,8 +273,6 @@ class SourceRobot:
             self,
             links={name: v for name, v in self.links.items() if name != self.root},
             joints={name: v for name, v in self.joints.items() if v is not joint},
-            root=joint.child,
-            _parents={k: v for k, v in self._parents.items() if v is not joint},
         )
 
     def _renamed_world(self) -> SourceRobot:
@@ -279,17 +286,4 @@ class SourceRobot:
         }
         others = {k: v for k, v in self.links.items() if k != self.root}
         links = {name: replace(self.links[self.root], name=name), **others}
-        return replace(
-            self,
-            links=links,
-            joints=joints,
-            root=name,
-            _parents={joint.child: joint for joint in joints.values()},
-        )
-
-
-def _rotation(axis: np.ndarray, angle: float):
-    from pydrake.common.eigen_geometry import AngleAxis
-    from pydrake.math import RotationMatrix
-
-    return RotationMatrix(AngleAxis(angle, axis))
+        return replace(self, links=links, joints=joints)

@@ -127,19 +127,11 @@ class _Reader:
                 self._add_joint(joint, names[joint.index()])
         self._add_frames(instances, joints)
         self._add_mimics()
-        parents = check_tree(self._path, self._links, self._joints)
-        (root,) = [name for name in self._links if name not in parents]
-        self._set_upright(root)
-        parents = {joint.child: joint for joint in self._joints.values()}
-        (root,) = [name for name in self._links if name not in parents]
-        robot = SourceRobot(
-            robot_name(model, self._path),
-            self._path,
-            self._links,
-            self._joints,
-            root,
-            parents,
-        )
+        name = robot_name(model, self._path)
+        read = SourceRobot(name, self._path, self._links, self._joints)
+        check_tree(read)
+        self._set_upright(read.root)
+        robot = SourceRobot(name, self._path, self._links, self._joints)
         found = tuple(self._loop(robot, *each) for each in loops)
         return replace(robot, loops=found, notes=tuple(self._notes))
 

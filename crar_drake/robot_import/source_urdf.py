@@ -9,8 +9,8 @@ import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from crar_drake.errors import ModelError, nearest
-from crar_drake.robot_import.mesh_finder import MeshFinder
 from crar_drake.robot_import.robot_files import (
+    MeshFinder,
     numbers_of,
     one_number,
     read_xml,
@@ -23,9 +23,14 @@ from crar_drake.robot_import.source_robot import (
     Inertia,
     Joint,
     Link,
-    Mesh,
     Shape,
     SourceRobot,
+)
+
+# Attributes that are numbers.
+_NUMBERS = (
+    *("xyz", "rpy", "size", "radius", "length", "scale", "value"),
+    *("lower", "upper", "effort", "velocity"),
 )
 
 # Drake's elements that close a chain, which the controller's model has no part for.
@@ -82,35 +87,20 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         if joint.name in joints:
             raise ModelError(f"{path}: two joints are named {joint.name!r}")
         joints[joint.name] = joint
-    parents = check_tree(path, links, joints)
-    (top,) = [name for name in links if name not in parents]
-    if any("," in text for text in _number_texts(root)):
+    if any("," in element.get(key, "") for element in root.iter() for key in _NUMBERS):
         notes.append(
             "numbers with commas: 1,5 was read as 1.5, and a comma before a space as "
             "nothing"
         )
-    return SourceRobot(
-        robot_name(root.get("name") or "", path),
-        path,
-        links,
-        joints,
-        top,
-        parents,
-        tuple(notes),
-        tuple(warnings),
-    )
+    name = robot_name(root.get("name") or "", path)
+    robot = SourceRobot(name, path, links, joints, tuple(notes), tuple(warnings))
+    check_tree(robot)
+    return robot
 
 
 def refuse_loops(root: ElementTree.Element, path: Path) -> None:
-    """Refuses what closes a chain without being a joint.
-
-    Args:
-        root: of a `read_xml`.
-        path: of its file.
-
-    Raises:
-        ModelError: there is such an element; it is named.
-    """
+    """Raises ModelError, which names it, if something of a `read_xml` closes a chain
+    without being a joint."""
     for tag in _LOOPS:
         element = next(root.iter(tag.replace("drake:", "_drake_")), None)
         if element is not None:
@@ -130,21 +120,9 @@ def _naming(path: Path, what: str, element: ElementTree.Element) -> Iterator[Non
         raise ModelError(f"{path}: {what} {name!r}: {error}") from error
 
 
-def _number_texts(root: ElementTree.Element) -> Iterator[str]:
-    """The attributes that are numbers, of all elements."""
-    words = ("xyz", "rpy", "size", "radius", "length", "scale", "value", "lower")
-    for element in root.iter():
-        for key in (*words, "upper", "effort", "velocity"):
-            if (text := element.get(key)) is not None:
-                yield text
-
-
-def check_tree(path: Path, links: dict, joints: dict[str, Joint]) -> dict[str, Joint]:
-    """Link to the joint that carries it, of all links but the root.
-
-    Raises:
-        ModelError: the links are not one tree, or a name is of nothing.
-    """
+def check_tree(robot: SourceRobot) -> None:
+    """Raises ModelError: the links are not one tree, or a name is of nothing."""
+    path, links, joints = robot.path, robot.links, robot.joints
     if not links:
         raise ModelError(f"{path}: it has no links")
     parents: dict[str, Joint] = {}
@@ -174,17 +152,12 @@ def check_tree(path: Path, links: dict, joints: dict[str, Joint]) -> dict[str, J
             f"{', '.join(tops) or 'none (a closed chain)'}"
         )
     # A ring of joints beside the tree leaves links that no way leads to.
-    seen, stack = set(), [tops[0]]
-    while stack:
-        link = stack.pop()
-        seen.add(link)
-        stack += [joint.child for joint in joints.values() if joint.parent == link]
-    if lost := [name for name in links if name not in seen]:
+    tree = set(robot.below(tops[0]))
+    if lost := [name for name in links if name not in tree]:
         raise ModelError(
             f"{path}: these links form a closed chain, which is not supported: "
             f"{', '.join(lost)}"
         )
-    return parents
 
 
 def _read_colours(
@@ -264,7 +237,7 @@ def _read_shape(element, link, colours, meshes, path, notes) -> Shape | None:
             notes.append(f"link {link}: a mesh with a scale of zero is left out")
             return None
         found = meshes.find(shape.get("filename", ""), f"link {link}")
-        return Shape(X_LG, kind, Mesh(found, scale), rgba=rgba)
+        return Shape(X_LG, kind, found, scale, rgba=rgba)
     sizes = {"box": ("size",), "sphere": ("radius",)}
     names = sizes.get(kind, ("radius", "length"))
     if kind not in ("box", "sphere", "cylinder", "capsule"):

@@ -1,24 +1,23 @@
 """Which way a robot stands, what of it is locked, where its points are."""
 
 from dataclasses import replace
-from pathlib import Path
 
 from crar_drake.errors import ModelError, nearest
-from crar_drake.robot.description import IMPORT_FILE
 from crar_drake.robot_import.alarms import coupling_alarms
 from crar_drake.robot_import.anatomy import elbow_index, find_anatomy
+from crar_drake.robot_import.body_frames import (
+    guess_frames,
+    guess_leg_and_head_frames,
+    guess_tool,
+    has_feet,
+)
 from crar_drake.robot_import.choices import ImportChoices
 from crar_drake.robot_import.facing import guess_facing, guess_up, turned
 from crar_drake.robot_import.import_report import ImportReport
 from crar_drake.robot_import.joint_groups import DEFAULT_LOCK, guess_locked
-from crar_drake.robot_import.leg_and_head_frames import (
-    guess_leg_and_head_frames,
-    has_feet,
-)
-from crar_drake.robot_import.meshes import Part
-from crar_drake.robot_import.source_robot import WORLD, SourceRobot
+from crar_drake.robot_import.meshes import Looks, Part
+from crar_drake.robot_import.source_robot import WORLD, Positions, SourceRobot
 from crar_drake.robot_import.srdf import read_srdf
-from crar_drake.robot_import.upper_body_frames import guess_frames, guess_tool
 
 
 def without_world(robot: SourceRobot, choices: ImportChoices) -> SourceRobot:
@@ -34,12 +33,11 @@ def without_world(robot: SourceRobot, choices: ImportChoices) -> SourceRobot:
     return replace(bare, notes=(*robot.notes, note))
 
 
-def with_semantics(
-    robot: SourceRobot, path: Path, choices: ImportChoices, report: ImportReport
-) -> SourceRobot:
-    """The robot with a posture and the allowed pairs of an SRDF."""
+def with_semantics(robot: SourceRobot, report: ImportReport) -> SourceRobot:
+    """The robot with a posture and the allowed pairs of its SRDF."""
+    path = report.folder / report.choices.srdf
     semantics = read_srdf(path, robot)
-    name, posture = semantics.posture(choices.posture)
+    name, posture = semantics.posture(report.choices.posture)
     if name:
         report.notes.append(f"rests in the posture {name!r} of {path.name}")
     elif semantics.postures:
@@ -50,10 +48,9 @@ def with_semantics(
     return replace(robot, posture=posture or robot.posture, allowed=semantics.allowed)
 
 
-def face_ahead(
-    robot, parts, choices: ImportChoices, report: ImportReport
-) -> SourceRobot:
+def face_ahead(robot: SourceRobot, parts: Looks, report: ImportReport) -> SourceRobot:
     """The robot in a frame whose x axis is its front, its z axis up."""
+    choices = report.choices
     if choices.up is None and choices.facing is None:
         up = guess_up(robot)
         if up != "+z":
@@ -74,17 +71,15 @@ def face_ahead(
             )
     if (choices.facing, up) != ("+x", "+z") and robot.root == WORLD:
         raise ModelError(
-            f"{report.folder / IMPORT_FILE}: facing: the root link is named {WORLD!r}, "
-            "which cannot turn; write +x (up: +z), or rename the link in the URDF"
+            f"{report.file}: facing: the root link is named {WORLD!r}, which cannot "
+            "turn; write +x (up: +z), or rename the link in the URDF"
         )
     return turned(robot, choices.facing, up)
 
 
-def guess_structure(
-    robot: SourceRobot, parts, choices: ImportChoices, report: ImportReport
-) -> None:
+def guess_structure(robot: SourceRobot, parts: Looks, report: ImportReport) -> None:
     """Fills in base, locked and frames where the import file leaves them out."""
-    anatomy = find_anatomy(robot)
+    choices, anatomy = report.choices, find_anatomy(robot)
     if choices.base is None:
         if robot.root == WORLD:
             choices.base, why = "fixed", f"the root link is named {WORLD!r}"
@@ -101,8 +96,8 @@ def guess_structure(
         report.guessed["base"] = why
     elif choices.base != "fixed" and robot.root == WORLD:
         raise ModelError(
-            f"{report.folder / IMPORT_FILE}: base: the root link is named {WORLD!r}, "
-            "which cannot move; write fixed, or rename the link in the URDF"
+            f"{report.file}: base: the root link is named {WORLD!r}, which cannot "
+            "move; write fixed, or rename the link in the URDF"
         )
     if choices.locked is None:
         lock = DEFAULT_LOCK if choices.lock is None else choices.lock
@@ -116,7 +111,7 @@ def guess_structure(
         group = welded_groups(robot, choices.locked)
         choices.segments = {}
         X = robot.poses()
-        for arm in (anatomy.left, anatomy.right) if anatomy else ():
+        for arm in anatomy or ():
             hand = arm.hand
             forearm = arm.joints[elbow_index(X, arm)].child
             if group[hand] == group[forearm]:
@@ -155,10 +150,9 @@ def _how_locked(choices: ImportChoices, arms: bool) -> str:
     return "joints that mimic or are mimicked, and fingers"
 
 
-def check_structure(
-    robot: SourceRobot, choices: ImportChoices, file: Path
-) -> dict[str, float]:
+def check_structure(robot: SourceRobot, report: ImportReport) -> dict[str, float]:
     """Checks names and supported joints; returns where each locked joint is."""
+    choices, file = report.choices, report.file
     locked = dict(choices.locked)
     for name in locked:
         if name not in robot.joints:
@@ -167,20 +161,14 @@ def check_structure(
                 f"{nearest(name, robot.joints)}"
             )
     for point, frame in choices.frames.items():
-        if frame.link not in robot.links:
-            raise ModelError(
-                f"{file}: frames: {point}: the robot has no link {frame.link!r}"
-                f"{nearest(frame.link, robot.links)}"
-            )
+        _check_link(robot, frame.link, f"{file}: frames: {point}")
+    for link in choices.soles:
+        _check_link(robot, link, f"{file}: soles")
     group = welded_groups(robot, locked)
     taken: set[str] = set()
     for name, others in choices.segments.items():
         for link in (name, *others):
-            if link not in robot.links:
-                raise ModelError(
-                    f"{file}: segments: the robot has no link {link!r}"
-                    f"{nearest(link, robot.links)}"
-                )
+            _check_link(robot, link, f"{file}: segments")
             if link in taken:
                 raise ModelError(f"{file}: segments: {link!r} is there twice")
             if group[link] != group[name]:
@@ -233,11 +221,15 @@ def check_structure(
     return locked
 
 
+def _check_link(robot: SourceRobot, link: str, where: str) -> None:
+    if link not in robot.links:
+        raise ModelError(
+            f"{where}: the robot has no link {link!r}{nearest(link, robot.links)}"
+        )
+
+
 def merge_segments(
-    robot: SourceRobot,
-    locked: dict[str, float],
-    parts: dict[str, list[Part]],
-    choices: ImportChoices,
+    robot: SourceRobot, locked: Positions, parts: Looks, choices: ImportChoices
 ) -> dict[str, list[Part]]:
     """What each fit is made of: a link's parts and those of its segment's others, in
     the link's frame."""
@@ -250,7 +242,7 @@ def merge_segments(
     return {name: of_segment for name, of_segment in merged.items() if of_segment}
 
 
-def welded_groups(robot: SourceRobot, locked: dict[str, float]) -> dict[str, str]:
+def welded_groups(robot: SourceRobot, locked: Positions) -> dict[str, str]:
     """Link to the first link of those that are welded to it."""
     group = {robot.root: robot.root}
     for link in robot.below(robot.root):

@@ -5,24 +5,25 @@ the pair then cannot be watched, if that is so at rest, or the joints between th
 lose much of their ranges. Such links are fitted again, with a smaller excess.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
 from crar_drake.robot_import.alarms import joints_between
-from crar_drake.robot_import.capsule_fitting import Fit
+from crar_drake.robot_import.capsule_fitting import Capsules
 from crar_drake.robot_import.import_report import ImportReport
-from crar_drake.robot_import.meshes import Part
-from crar_drake.robot_import.mirrored_fits import LinkFits
+from crar_drake.robot_import.link_fits import LinkFits
+from crar_drake.robot_import.meshes import Looks, Surfaces
 from crar_drake.robot_import.pair_sampling import (
     CLEAR,
     NEAR,
     PairDistances,
     candidate_pairs,
+    position_ranges,
 )
-from crar_drake.robot_import.surface_distances import Surfaces
+from crar_drake.robot_import.source_robot import Positions, SourceRobot
+from crar_drake.robot_import.watched_pairs import adjacent_pairs
 
 # What the excess is multiplied by, until it helps.
 _SMALLER = (0.5, 0.25)
@@ -35,35 +36,21 @@ _AT_REST = 0.01  # [m] that meshes are apart which need not touch at rest
 
 def tighten(
     plant: MultibodyPlant,
-    robot,
-    locked: Mapping[str, float],
-    segments: Mapping[str, Sequence[Part]],
+    robot: SourceRobot,
+    locked: Positions,
+    segments: Looks,
     rest: np.ndarray,
-    adjacent: set[frozenset[str]],
     fits: LinkFits,
     report: ImportReport,
 ) -> bool:
     """Fits links again that stand in each other's way; whether there are any.
 
-    Args:
-        plant: finalized.
-        robot: as it was read.
-        locked: joint to the position at which it is welded [rad or m].
-        segments: link to its real look, in its frame.
-        rest: (nq,) the rest posture.
-        adjacent: pairs that a joint connects, which always touch.
-        fits: what fits.
-        report: its fits are changed.
+    The plant is finalized and has the report's capsules; `rest` (nq,) is its posture.
     """
-    choices = report.choices
-
-    def shown(changed: Mapping[str, Fit]) -> dict:
-        own = {**report.fits, **changed}
-        return {n: f.capsules for n, f in own.items() if n not in report.covered}
-
+    choices, own = report.choices, report.capsules()
     pairs = [
         pair
-        for pair in candidate_pairs(plant, shown({}), adjacent)
+        for pair in candidate_pairs(plant, own, adjacent_pairs(robot, own))
         if joints_between(robot, locked, *pair) > 1
     ]
     if choices.pairs is not None:
@@ -73,10 +60,10 @@ def tighten(
         return False
     lost = _Lost(plant, segments, rest)
     tightened: dict[str, float] = {}
-    for pair in lost.in_the_way(shown({}), pairs):
-        if lost.of(shown({}), pair) <= _LOST:
+    for pair in lost.in_the_way(own, pairs):
+        best = lost.of(report.capsules(), pair)
+        if best <= _LOST:
             continue  # an earlier one's links were the same
-        best = lost.of(shown({}), pair)
         for links, smaller in ((ls, s) for s in _SMALLER for ls in (*zip(pair), pair)):
             found = fits.fit(
                 links, smaller * choices.excess, _MORE * choices.most_capsules
@@ -90,7 +77,8 @@ def tighten(
             }
             if not new:
                 continue
-            left = lost.of(shown(new), pair)
+            changed = {name: fit.capsules for name, fit in new.items()}
+            left = lost.of(report.capsules() | changed, pair)
             if left <= _LOST or (smaller == _SMALLER[-1] and left < 0.7 * best):
                 report.fits |= new
                 tightened |= {name: fit.excess for name, fit in new.items()}
@@ -109,16 +97,21 @@ def tighten(
 class _Lost:
     """How many postures are lost to capsules that touch where meshes do not."""
 
-    def __init__(self, plant, segments, rest: np.ndarray) -> None:
+    def __init__(
+        self, plant: MultibodyPlant, segments: Looks, rest: np.ndarray
+    ) -> None:
         self._plant, self._rest = plant, rest
         self._context = plant.CreateDefaultContext()
         self._surfaces = Surfaces(segments)
-        self._q: np.ndarray | None = None
+        lower, upper = position_ranges(plant)
+        rng = np.random.default_rng(0)
+        self._q = rng.uniform(lower, upper, size=(_SAMPLES, len(lower)))
 
-    def in_the_way(self, capsules, pairs) -> list[tuple[str, str]]:
+    def in_the_way(
+        self, capsules: Capsules, pairs: Sequence[tuple[str, str]]
+    ) -> list[tuple[str, str]]:
         """Pairs that lose too many postures, or the one at rest; the worst first."""
-        distances = PairDistances(self._plant, capsules, pairs)
-        d, at_rest = self._distances(distances)
+        d, at_rest = self._distances(capsules, pairs)
         suspects = np.flatnonzero(
             ((d < 0.0).mean(axis=0) > _LOST) | (at_rest < CLEAR)
         ).tolist()
@@ -126,17 +119,16 @@ class _Lost:
         found = [pair for pair in share if share[pair] > _LOST]
         return sorted(found, key=lambda pair: -share[pair])
 
-    def of(self, capsules, pair: tuple[str, str]) -> float:
+    def of(self, capsules: Capsules, pair: tuple[str, str]) -> float:
         """Share of the postures that a pair loses; above 1 where the one at rest is."""
-        distances = PairDistances(self._plant, capsules, [pair])
-        d, at_rest = self._distances(distances)
+        d, at_rest = self._distances(capsules, [pair])
         return self._share(pair, d[:, 0], at_rest[0])
 
-    def _distances(self, distances: PairDistances) -> tuple[np.ndarray, np.ndarray]:
-        if self._q is None:
-            lower, upper = distances.lower, distances.upper
-            rng = np.random.default_rng(0)
-            self._q = rng.uniform(lower, upper, size=(_SAMPLES, len(lower)))
+    def _distances(
+        self, capsules: Capsules, pairs: Sequence[tuple[str, str]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(K, N) of pairs in the postures, and (N,) at rest [m]."""
+        distances = PairDistances(self._plant, capsules, pairs)
         blocks = np.array_split(self._q, max(1, _SAMPLES // 50))
         d = np.concatenate([distances.of_all(block) for block in blocks])
         return d, distances.of_all(self._rest[np.newaxis])[0]
@@ -155,7 +147,7 @@ class _Lost:
 
     def _gap(self, pair: tuple[str, str], q: np.ndarray) -> float:
         self._plant.SetPositions(self._context, q)
-        X: dict[str, RigidTransform] = {
+        X = {
             name: self._plant.EvalBodyPoseInWorld(
                 self._context, self._plant.GetBodyByName(name)
             )

@@ -9,9 +9,14 @@ import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from crar_drake.files import whole_file
-from crar_drake.robot_import.capsule_fitting import FittedCapsule
+from crar_drake.robot_import.capsule_fitting import Capsules, FittedCapsule
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.source_robot import WORLD, Inertia, SourceRobot
+from crar_drake.robot_import.source_robot import (
+    WORLD,
+    Inertia,
+    Positions,
+    SourceRobot,
+)
 
 # Prescribed joint -> (type, axis, what of the motion drives it).
 BASE_JOINTS = {
@@ -43,10 +48,10 @@ def write_urdf(
     *,
     base: str,
     height: float = 0.0,
-    locked: Mapping[str, float],
+    locked: Positions,
     frames: Mapping[str, FrameChoice],
     visuals: Mapping[str, Sequence[VisualMesh]],
-    capsules: Mapping[str, Sequence[FittedCapsule]],
+    capsules: Capsules,
     inertias: Mapping[str, Inertia],
 ) -> bool:
     """Writes the generated URDF.
@@ -58,7 +63,7 @@ def write_urdf(
         base: one of `choices.BASES`: "prescribed", joints that the motion drives carry
             the root link; "floating", the file does not connect it with the world.
         height: of a fixed root link above the ground [m].
-        locked: joint to the position at which it is welded [rad or m].
+        locked: where joints are welded.
         frames: the motion's points.
         visuals, capsules, inertias: by link; links that are in none are bare.
 

@@ -2,16 +2,22 @@
 
 import itertools
 import math
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+
 from crar_drake.errors import ModelError, nearest
-from crar_drake.robot.description import GROUND
+from crar_drake.robot.description import GROUND, RobotDescription
 from crar_drake.robot_import.anatomy import (
     elbow_index,
     find_anatomy,
     link_twins,
     longest_chains,
 )
+from crar_drake.robot_import.capsule_fitting import Capsules
+from crar_drake.robot_import.import_report import ImportReport
 from crar_drake.robot_import.pair_sampling import sample_pairs
 from crar_drake.robot_import.source_robot import SourceRobot
 
@@ -20,17 +26,17 @@ _BELOW_SOLES = 0.005
 
 
 def choose_pairs(
-    plant, robot, locked, capsules, rest, choices, report, file
+    plant: MultibodyPlant, robot: SourceRobot, rest: np.ndarray, report: ImportReport
 ) -> list[list[str]]:
-    """Fills in the watched pairs; returns those left out since they touch at rest."""
-    known = set(capsules)
-    for pair in choices.pairs or []:
-        for link in pair:
-            if link not in known:
-                raise ModelError(
-                    f"{file}: pairs: {link!r} has no collision shape"
-                    f"{nearest(link, known)}"
-                )
+    """Fills in the watched pairs; returns those left out since they touch at rest
+    (nq,). The plant is finalized and has the report's capsules."""
+    choices, capsules = report.choices, report.capsules()
+    for link in itertools.chain(*(choices.pairs or ())):
+        if link not in capsules:
+            raise ModelError(
+                f"{report.file}: pairs: {link!r} has no collision shape"
+                f"{nearest(link, set(capsules))}"
+            )
     if choices.pairs is not None:
         return []
     found = sample_pairs(
@@ -67,12 +73,18 @@ def choose_pairs(
     return overlapping
 
 
-def watch_ground(description, plant, rest, capsules, choices, report, file) -> None:
+def watch_ground(
+    description: RobotDescription,
+    plant: MultibodyPlant,
+    rest: np.ndarray,
+    report: ImportReport,
+) -> None:
     """Links that move are kept above the ground; guessed for a root that floats.
 
-    Not those whose capsules are below at rest, as feet's are if they are thicker than
-    the soles are high: they would be lifted.
+    Not those whose capsules are below at rest (nq,), as feet's are if they are thicker
+    than the soles are high: they would be lifted.
     """
+    choices = report.choices
     if choices.ground is None and description.root == "prescribed":
         choices.ground = -_BELOW_SOLES
         if plant.HasBodyNamed(GROUND):
@@ -84,19 +96,20 @@ def watch_ground(description, plant, rest, capsules, choices, report, file) -> N
         return
     if plant.HasBodyNamed(GROUND):
         raise ModelError(
-            f"{file}: ground: the robot has a link {GROUND!r} of its own; say -.inf"
+            f"{report.file}: ground: the robot has a link {GROUND!r} of its own; say "
+            "-.inf"
         )
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, rest)
     fixed = {body.name() for body in plant.GetBodiesWeldedTo(plant.world_body())}
     watched, below = [], []
-    for link in capsules:
+    for link, capsules in report.capsules().items():
         if link in fixed:
             continue
         X_WL = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(link))
         lowest = min(
             X_WL.multiply(end)[2] - capsule.radius
-            for capsule in capsules[link]
+            for capsule in capsules
             for end in (capsule.p_L0, capsule.p_L1)
         )
         (watched if lowest >= choices.ground + _BELOW_SOLES - 1e-6 else below).append(
@@ -111,7 +124,9 @@ def watch_ground(description, plant, rest, capsules, choices, report, file) -> N
     )
 
 
-def _allowed(robot, capsules, segments) -> set[frozenset[str]]:
+def _allowed(
+    robot: SourceRobot, capsules: Capsules, segments: Mapping[str, Sequence[str]]
+) -> set[frozenset[str]]:
     """Pairs of links with capsules, of all whose shapes an SRDF disables collisions."""
     if not robot.allowed:
         return set()
@@ -134,8 +149,8 @@ def _hands_together(robot: SourceRobot) -> set[frozenset[str]]:
     sides = []
     anatomy, X = find_anatomy(robot), robot.poses()
     if anatomy is not None:
-        for arm in (anatomy.left, anatomy.right):
-            sides.append({*robot.below(arm.joints[elbow_index(X, arm)].child)})
+        elbows = [arm.joints[elbow_index(X, arm)] for arm in anatomy]
+        sides = [{*robot.below(elbow.child)} for elbow in elbows]
     elif len(ends := longest_chains(robot)) == 2:
         ways = [[j for j in robot.path_to(end) if j.moves] for end in ends]
         if not {j.name for j in ways[0]} & {j.name for j in ways[1]}:
@@ -145,7 +160,9 @@ def _hands_together(robot: SourceRobot) -> set[frozenset[str]]:
     return {frozenset(pair) for pair in itertools.product(*sides)}
 
 
-def adjacent_pairs(robot, capsules) -> set[frozenset[str]]:
+def adjacent_pairs(
+    robot: SourceRobot, capsules: Collection[str]
+) -> set[frozenset[str]]:
     """Pairs of links with shapes that are joined, be it through bare links."""
     pairs = set()
     for link in capsules:

@@ -20,7 +20,7 @@ from crar_drake.commands import main, make_parser, options, parse
 from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import LEVELS
 from crar_drake.errors import ScenarioError
-from crar_drake.motion.catalogue import MotionFiles, load_clip
+from crar_drake.motion.catalogue import MotionFiles, load_performer
 from crar_drake.motion.report import inspect
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import summarize
@@ -92,7 +92,7 @@ def test_run_writes_log_summary_and_plot_that_agree(empty_folder, capsys):
     wall_time = summary["wall_time"]
     assert 0.0 < wall_time < 60.0
     assert summary["real_time_factor"] == pytest.approx(0.3 / wall_time)
-    report = inspect(load_clip("dance"))
+    report = inspect(load_performer("dance"))
     again = summarize(log, wall_time, motion=report, warnings=summary["warnings"])
     assert summary == json.loads(again.to_json())
     assert (summary["frame_rate"], summary["frame_rate_source"]) == (60.0, "file")

@@ -8,7 +8,7 @@ import pytest
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.motion.catalogue import builtin_names, load_clip
+from crar_drake.motion.catalogue import builtin_names, load_clip, load_performer
 from crar_drake.motion.formats.asf_amc import forward_kinematics
 from crar_drake.motion.joint_centres import joint_centres
 from crar_drake.motion.report import describe, inspect
@@ -50,13 +50,13 @@ def test_size_and_duration(name, clips):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_looks_clean_and_no_faster_than_people(name, clips):
-    report = inspect(clips[name])
+def test_looks_clean_and_no_faster_than_people(name):
+    report = inspect(load_performer(name))
     assert report.looks_clean, list(describe(report))
     wrists = [report.peak_speeds[f"{side}_wrist"] for side in ("left", "right")]
     assert 2.0 < max(wrists) < 6.5  # [m/s]; a boxer's fist reaches 8 to 10
     # No joint centre is shaken: 25 g is what a fast punch's fist sees.
-    for point, p_WC in joint_centres(clips[name]).positions.items():
+    for point, p_WC in joint_centres(load_performer(name)).positions.items():
         acceleration = np.diff(p_WC, n=2, axis=0) * 60.0**2
         assert np.linalg.norm(acceleration, axis=1).max() < 250.0, point
 
@@ -73,8 +73,8 @@ def test_feet_stay_on_the_ground(name, clips):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_starts_and_ends_standing_with_hanging_arms(name, clips):
-    centres = joint_centres(clips[name])
+def test_starts_and_ends_standing_with_hanging_arms(name):
+    centres = joint_centres(load_performer(name))
     p = centres.positions
     for frame in (0, -1):
         assert p["waist"][frame, 2] > 0.96 * centres.hip_height
@@ -87,15 +87,15 @@ def test_starts_and_ends_standing_with_hanging_arms(name, clips):
             assert np.linalg.norm(apart[:2]) > 0.25  # [m], away from the body
 
 
-def test_dance_turns_once_and_fast(clips):
-    heading = np.degrees(joint_centres(clips["dance"]).heading)
+def test_dance_turns_once_and_fast():
+    heading = np.degrees(joint_centres(load_performer("dance")).heading)
     assert np.ptp(heading) >= 350.0
     assert heading[-1] - heading[0] == pytest.approx(360.0, abs=5.0)
     inside = np.flatnonzero((heading > 5.0) & (heading < 355.0))
     turn = inside[inside > 240]
     assert (turn[-1] - turn[0]) / 60.0 < 2.0  # [s]
     for name in ("boxing", "exercise", "reaching"):
-        assert np.ptp(joint_centres(clips[name]).heading) < np.pi / 2.0
+        assert np.ptp(joint_centres(load_performer(name)).heading) < np.pi / 2.0
 
 
 def _violations(name: str, tasks: list[str]) -> tuple[np.ndarray, np.ndarray]:

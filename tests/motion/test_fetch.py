@@ -15,15 +15,9 @@ from rich.console import Console
 from short_motions import ONE_BONE
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.catalogue import trial_files
-from crar_drake.motion.fetch import (
-    LICENCE_NOTICE,
-    KnownTrial,
-    fetch,
-    rich_progress,
-)
+from crar_drake.motion.catalogue import KnownTrial, known_trials, trial_files
+from crar_drake.motion.fetch import LICENCE_NOTICE, fetch, rich_progress
 from crar_drake.motion.formats.asf_amc import read_amc, read_asf
-from crar_drake.motion.known_trials import known_trials
 
 ASF = ONE_BONE.encode()
 

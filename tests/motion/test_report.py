@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.amc_files import write_amc, write_asf
 from crar_drake.errors import MotionError
+from crar_drake.motion import report as reports
 from crar_drake.motion.formats.asf_amc import (
     Bone,
     Clip,
@@ -17,10 +18,15 @@ from crar_drake.motion.formats.asf_amc import (
     read_amc,
     read_asf,
 )
+from crar_drake.motion.performers.asf_amc import asf_amc_performer
 from crar_drake.motion.picture import plot_motion
-from crar_drake.motion.report import MotionReport, describe, inspect
+from crar_drake.motion.report import MotionReport, describe
 
 T = 120
+
+
+def inspect(clip: Clip) -> MotionReport:
+    return reports.inspect(asf_amc_performer(clip))
 
 
 def _skeleton(*, arms: bool = True) -> Skeleton:
@@ -160,9 +166,9 @@ def test_two_frames_are_enough_to_report(clip: Clip) -> None:
 
 
 def test_figure_is_written(clip: Clip, tmp_path: Path) -> None:
-    plot_motion(clip, tmp_path / "stroll.png")
+    plot_motion(asf_amc_performer(clip), tmp_path / "stroll.png")
     assert (tmp_path / "stroll.png").read_bytes().startswith(b"\x89PNG")
-    plot_motion(clip, tmp_path / "stroll.svg")
+    plot_motion(asf_amc_performer(clip), tmp_path / "stroll.svg")
     text = (tmp_path / "stroll.svg").read_text()
     assert "<svg" in text
     assert {path.name for path in tmp_path.iterdir()} == {"stroll.png", "stroll.svg"}
@@ -171,7 +177,7 @@ def test_figure_is_written(clip: Clip, tmp_path: Path) -> None:
 def test_figure_needs_joint_centres(clip: Clip, tmp_path: Path) -> None:
     bare = dataclasses.replace(clip, skeleton=_skeleton(arms=False), joints={})
     with pytest.raises(MotionError, match="lhumerus"):
-        plot_motion(bare, tmp_path / "none.png")
+        plot_motion(asf_amc_performer(bare), tmp_path / "none.png")
 
 
 # --- implausible as a whole -------------------------------------------------------

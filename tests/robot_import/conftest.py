@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from crar_drake.robot_import import fit_cache, robot_folder
+from crar_drake.robot_import import link_fits, robot_folder
 from crar_drake.robot_import.robot_files import robot_data_folder
 
 
 @pytest.fixture(scope="session", autouse=True)
 def each_link_fitted_once():
     """The robots of these tests share links; `fit_link` has tests of its own."""
-    fit, known = fit_cache.fit_link, {}
+    fit, known = link_fits.fit_link, {}
 
     def remembered(parts, most, excess, image=()):
         shapes = [(p.vertices.tobytes(), p.faces.tobytes()) for p in (*parts, *image)]
@@ -21,7 +21,7 @@ def each_link_fitted_once():
         return known[key]
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(fit_cache, "fit_link", remembered)
+        patched.setattr(link_fits, "fit_link", remembered)
         yield
 
 

@@ -11,10 +11,10 @@ from crar_drake.robot_import.alarms import (
     pair_alarms,
 )
 from crar_drake.robot_import.anatomy import find_anatomy
+from crar_drake.robot_import.body_frames import guess_frames
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_urdf import read_urdf
-from crar_drake.robot_import.upper_body_frames import guess_frames
 
 
 @pytest.fixture(scope="module")

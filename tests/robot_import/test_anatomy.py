@@ -7,13 +7,13 @@ from small_urdfs import humanoid, joint, link, robot, write
 from crar_drake.robot_import.anatomy import (
     elbow_index,
     find_anatomy,
-    guess_rest,
 )
+from crar_drake.robot_import.body_frames import guess_frames, guess_tool
 from crar_drake.robot_import.joint_groups import guess_locked
 from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.rest_posture import guess_rest
 from crar_drake.robot_import.robot_files import find_urdf
 from crar_drake.robot_import.source_urdf import read_urdf
-from crar_drake.robot_import.upper_body_frames import guess_frames, guess_tool
 
 
 def test_the_small_humanoid(tmp_path):

@@ -7,6 +7,7 @@ from small_urdfs import humanoid, humanoid_with_legs, joint, link, robot, write
 from crar_drake.errors import ModelError
 from crar_drake.robot_import import import_robot
 from crar_drake.robot_import.anatomy import find_anatomy
+from crar_drake.robot_import.body_frames import guess_frames
 from crar_drake.robot_import.body_plan import (
     frame_alarms,
     refuse_hand,
@@ -15,7 +16,6 @@ from crar_drake.robot_import.body_plan import (
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.joint_groups import guess_locked, joint_groups
 from crar_drake.robot_import.source_urdf import read_urdf
-from crar_drake.robot_import.upper_body_frames import guess_frames
 
 BALL = '<sphere radius="0.02"/>'
 

@@ -10,6 +10,7 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, position_tasks
 from crar_drake.robot_import import import_robot
 from crar_drake.robot_import.anatomy import find_anatomy
+from crar_drake.robot_import.body_frames import guess_frames
 from crar_drake.robot_import.facing import (
     find_legs,
     guess_facing,
@@ -19,7 +20,6 @@ from crar_drake.robot_import.facing import (
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.robot_files import find_urdf
 from crar_drake.robot_import.source_urdf import read_urdf
-from crar_drake.robot_import.upper_body_frames import guess_frames
 
 YAW = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 

@@ -10,7 +10,7 @@ from pydrake.multibody.tree import CalcSpatialInertia
 from small_urdfs import joint, link, robot, write
 
 from crar_drake.robot_import import import_robot
-from crar_drake.robot_import.inertias import read_inertia, stand_in
+from crar_drake.robot_import.link_bodies import read_inertia, stand_in
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_robot import Inertia, Link, Shape
 

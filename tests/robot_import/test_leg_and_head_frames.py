@@ -7,14 +7,14 @@ import pytest
 from small_urdfs import humanoid, humanoid_with_legs, write
 
 from crar_drake.robot_import.anatomy import find_anatomy
-from crar_drake.robot_import.leg_and_head_frames import (
-    bent_knees,
+from crar_drake.robot_import.body_frames import (
+    guess_frames,
     guess_leg_and_head_frames,
 )
 from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.rest_posture import bent_knees
 from crar_drake.robot_import.robot_files import find_urdf
 from crar_drake.robot_import.source_urdf import read_urdf
-from crar_drake.robot_import.upper_body_frames import guess_frames
 
 POINTS = {f"{s}_{n}" for s in ("left", "right") for n in ("hip", "knee", "foot")}
 

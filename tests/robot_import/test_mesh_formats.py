@@ -24,7 +24,7 @@ from crar_drake.robot_import import import_robot
 from crar_drake.robot_import.link_meshes import read_link_meshes
 from crar_drake.robot_import.link_outlines import link_outlines
 from crar_drake.robot_import.meshes import Part, link_parts, write_obj
-from crar_drake.robot_import.source_robot import Link, Mesh, Shape
+from crar_drake.robot_import.source_robot import Link, Shape
 
 SCALES = [(1, 1, 1), (2, 0.5, 3), (-1, 1, 1), (1, -2, 0.5), (-1, -2, -3)]
 # No two of its extents are alike, nor is it its own image in any plane.
@@ -50,7 +50,7 @@ def hull_of_drake(path: Path, scale=(1, 1, 1)) -> np.ndarray:
 
 
 def read(path: Path, scale=(1, 1, 1), up_axis: str = "z") -> list[Part]:
-    shape = Shape(RigidTransform(), "mesh", Mesh(path, tuple(map(float, scale))))
+    shape = Shape(RigidTransform(), "mesh", path, tuple(map(float, scale)))
     return link_parts(Link("l", (shape,), (), None), up_axis)
 
 
@@ -260,7 +260,7 @@ def test_in_a_pose(tmp_path, suffix):
     else:
         write_gltf(tmp_path / "a.gltf", *gltf_content())
     X = RigidTransform(RollPitchYaw(0.3, -0.5, 0.8), [1.0, 2.0, 3.0])
-    shape = Shape(X, "mesh", Mesh(tmp_path / f"a{suffix}", (1.0, -2.0, 0.5)))
+    shape = Shape(X, "mesh", tmp_path / f"a{suffix}", (1.0, -2.0, 0.5))
     expected = hull_of_drake(tmp_path / f"a{suffix}", (1, -2, 0.5))
     assert_same_hull(
         link_parts(Link("l", (shape,), (), None)), X.multiply(expected.T).T

@@ -16,7 +16,7 @@ from crar_drake.robot_import.meshes import (
     simplified,
     write_obj,
 )
-from crar_drake.robot_import.source_robot import Link, Mesh, Shape
+from crar_drake.robot_import.source_robot import Link, Shape
 from crar_drake.robot_import.source_urdf import read_urdf
 
 
@@ -29,7 +29,7 @@ def one(shape: Shape):
 def test_formats(tmp_path, suffix):
     path = tmp_path / f"box.{suffix}"
     trimesh.creation.box(extents=(1, 2, 3)).export(path)
-    part = one(Shape(RigidTransform([0, 0, 1.0]), "mesh", Mesh(path)))
+    part = one(Shape(RigidTransform([0, 0, 1.0]), "mesh", path))
     np.testing.assert_allclose(part.vertices.max(axis=0), [0.5, 1.0, 2.5])
     np.testing.assert_allclose(part.vertices.min(axis=0), [-0.5, -1.0, -0.5])
 
@@ -41,7 +41,7 @@ def test_a_collada_file_in_millimetres(tmp_path):
     assert "<asset" in text
     head, asset, rest = text.partition("</asset>")
     path.write_text(head + '<unit name="millimeter" meter="0.001"/>' + asset + rest)
-    part = one(Shape(RigidTransform(), "mesh", Mesh(path)))
+    part = one(Shape(RigidTransform(), "mesh", path))
     np.testing.assert_allclose(np.ptp(part.vertices, axis=0), [0.1, 0.2, 0.3])
 
 
@@ -68,7 +68,7 @@ def test_what_a_collada_file_calls_up(tmp_path, up, axis, far):
     path = tmp_path / "box.dae"
     long_box(path, up)
     assert dae_up_axis(path) == axis
-    shape = Shape(RigidTransform(), "mesh", Mesh(path))
+    shape = Shape(RigidTransform(), "mesh", path)
     for reading, corner in (("file", far), ("z", [0.1, 0.2, 0.6])):
         (part,) = link_parts(Link("l", (shape,), (), None), reading)
         reach = np.array(corner)
@@ -94,14 +94,14 @@ def test_whether_a_file_lies_is_seen_from_the_joints(tmp_path, way, reading):
 def test_a_mirroring_scale_keeps_triangles_outside_out(tmp_path):
     path = tmp_path / "box.stl"
     trimesh.creation.box(extents=(1, 2, 3)).export(path)
-    part = one(Shape(RigidTransform(), "mesh", Mesh(path, (1.0, -0.5, 1.0))))
+    part = one(Shape(RigidTransform(), "mesh", path, (1.0, -0.5, 1.0)))
     assert trimesh.Trimesh(part.vertices, part.faces).volume == pytest.approx(3.0)
 
 
 def test_colours(tmp_path):
     path = tmp_path / "box.stl"
     trimesh.creation.box().export(path)
-    assert one(Shape(RigidTransform(), "mesh", Mesh(path), rgba=(1, 0, 0, 1))).rgba == (
+    assert one(Shape(RigidTransform(), "mesh", path, rgba=(1, 0, 0, 1))).rgba == (
         1,
         0,
         0,
@@ -142,7 +142,7 @@ def test_unreadable_meshes_are_named(tmp_path):
     path = tmp_path / "hand.stl"
     path.write_bytes(b"nothing of the kind")
     with pytest.raises(ModelError, match="link 'l': mesh .*hand.stl"):
-        one(Shape(RigidTransform(), "mesh", Mesh(path)))
+        one(Shape(RigidTransform(), "mesh", path))
 
 
 def binary_stl(triangles: np.ndarray) -> bytes:
@@ -161,7 +161,7 @@ def test_an_stl_with_more_or_fewer_bytes_than_it_says(tmp_path):
     )
     data = binary_stl(tetrahedron.triangles)
     path = tmp_path / "hand.STL"
-    shape = Shape(RigidTransform(), "mesh", Mesh(path))
+    shape = Shape(RigidTransform(), "mesh", path)
     for more in (b"", b"some bytes", b"\n" * 60):
         path.write_bytes(data + more)
         part = one(shape)
@@ -189,4 +189,4 @@ def test_a_vertex_that_is_no_place(tmp_path, suffix, wrong):
     with np.errstate(invalid="ignore"):
         mesh.export(path)
     with pytest.raises(ModelError, match=r"hand\.\w+.* vertex \d+ is \(.*(nan|inf)"):
-        one(Shape(RigidTransform(), "mesh", Mesh(path)))
+        one(Shape(RigidTransform(), "mesh", path))

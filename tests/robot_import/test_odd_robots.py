@@ -8,16 +8,18 @@ from small_urdfs import humanoid_with_legs, joint, link, robot, write
 
 from crar_drake.errors import ModelError
 from crar_drake.robot_import.alarms import coupling_alarms, limb_alarms
-from crar_drake.robot_import.anatomy import find_anatomy, find_leg_chains, guess_rest
-from crar_drake.robot_import.facing import guess_facing, guess_up, turned
-from crar_drake.robot_import.joint_groups import guess_locked, joint_groups
-from crar_drake.robot_import.leg_and_head_frames import (
+from crar_drake.robot_import.anatomy import find_anatomy, find_leg_chains
+from crar_drake.robot_import.body_frames import (
+    guess_frames,
     guess_leg_and_head_frames,
+    guess_tool,
     has_feet,
 )
+from crar_drake.robot_import.facing import guess_facing, guess_up, turned
+from crar_drake.robot_import.joint_groups import guess_locked, joint_groups
 from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.rest_posture import guess_rest
 from crar_drake.robot_import.source_urdf import read_urdf
-from crar_drake.robot_import.upper_body_frames import guess_frames, guess_tool
 
 SIDES = (("left", 1.0), ("right", -1.0))
 

@@ -49,7 +49,6 @@ def test_each_kind(plant):
     adjacent = {frozenset(("ball", "tail"))}
     found = sample_pairs(plant, capsules, np.array([0.0]), adjacent, 300)
     assert found.watched == [["tail", "aside"]]
-    assert found.least[0] < 0.02
     # The ball sits in the base, and the arm points ahead, at rest.
     assert found.overlapping == [["base", "ball"], ["tail", "ahead"]]
     # Clear of what it is in at rest, the same pairs are judged by the samples.

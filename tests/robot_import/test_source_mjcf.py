@@ -14,9 +14,9 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, position_tasks
 from crar_drake.robot_import import import_robot
-from crar_drake.robot_import.anatomy import guess_rest
-from crar_drake.robot_import.inertias import read_inertia
+from crar_drake.robot_import.link_bodies import read_inertia
 from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.rest_posture import guess_rest
 from crar_drake.robot_import.robot_files import default_name
 from crar_drake.robot_import.source_file import read_robot
 

@@ -25,7 +25,7 @@ from source_robots import random_positions, spatial_inertia
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import add_robot, load_robot_description
 from crar_drake.robot_import import import_robot
-from crar_drake.robot_import.inertias import read_inertia
+from crar_drake.robot_import.link_bodies import read_inertia
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.robot_files import default_name, find_urdf
 from crar_drake.robot_import.source_file import read_robot
@@ -149,7 +149,7 @@ def test_looks(features):
     assert (near.min(axis=0) < 1e-6).all() and (near.min(axis=1) < 1e-6).all()
     # An included model's address is beside that model.
     (mesh,) = links["hand_base"].visual
-    assert mesh.mesh.path == features[0].parent / "gripper" / "wedge.stl"
+    assert mesh.path == features[0].parent / "gripper" / "wedge.stl"
 
 
 @pytest.mark.parametrize("address", ["gripper", "model://gripper", "gripper/hand.sdf"])
@@ -174,7 +174,7 @@ def test_packages_are_found_as_those_of_a_urdf(features, tmp_path):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "meshes").rename(tmp_path / "elsewhere" / "shapes")
     link = read_robot(path, [tmp_path / "elsewhere"]).links["upper"]
-    assert link.collision[0].mesh.path.is_file()
+    assert link.collision[0].path.is_file()
 
 
 def test_a_root_that_lies_is_carried_upright(tmp_path):
@@ -422,5 +422,5 @@ def test_a_mesh_with_other_capitals_is_read(tmp_path):
     mesh = path.parent / "gripper" / "wedge.stl"
     mesh.rename(mesh.with_name("Wedge.STL"))
     read = read_robot(path)
-    assert read.links["hand_base"].visual[0].mesh.path.name == "Wedge.STL"
+    assert read.links["hand_base"].visual[0].path.name == "Wedge.STL"
     assert sum("Wedge.STL" in note for note in read.notes) == 1

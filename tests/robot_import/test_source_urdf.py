@@ -108,7 +108,7 @@ def test_a_mesh_with_other_capitals_is_read(tmp_path):
         path = write(tmp_path, robot([link("a", MESH.format(address))]))
         if told is None:
             read = read_urdf(path)
-            assert read.links["a"].visual[0].mesh.path == folder / "Hand.STL"
+            assert read.links["a"].visual[0].path == folder / "Hand.STL"
             (note,) = read.notes
             assert "capitals" in note and "Hand.STL" in note
             continue
@@ -134,7 +134,7 @@ def test_packages_are_found(tmp_path, monkeypatch, where):
     if where == "environment":
         monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{tmp_path / 'some'}")
     shape = read_urdf(path, paths).links["a"].visual[0]
-    assert shape.mesh.path == root / "meshes" / "hand.stl"
+    assert shape.path == root / "meshes" / "hand.stl"
 
 
 def test_unknown_robots(robot_data, tmp_path):

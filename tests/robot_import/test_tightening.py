@@ -13,11 +13,9 @@ from crar_drake.robot.description import import_file
 from crar_drake.robot_import import import_robot, load_choices
 from crar_drake.robot_import.anatomy import link_twins
 from crar_drake.robot_import.capsule_fitting import TOLERANCE
-from crar_drake.robot_import.fit_cache import FitCache
-from crar_drake.robot_import.meshes import Part, write_obj
-from crar_drake.robot_import.mirrored_fits import LinkFits
+from crar_drake.robot_import.link_fits import FitCache, LinkFits
+from crar_drake.robot_import.meshes import Part, Surfaces, write_obj
 from crar_drake.robot_import.source_urdf import read_urdf
-from crar_drake.robot_import.surface_distances import Surfaces
 
 
 def plates(folder, apart: float):

@@ -8,9 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError, MotionError
-from crar_drake.motion.catalogue import load_clip
+from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.joint_centres import joint_centres
-from crar_drake.motion.performers.asf_amc import as_performer
 from crar_drake.motion.turns import hip_turns
 from crar_drake.robot.description import (
     RootPose,
@@ -69,8 +68,7 @@ def test_the_root_is_turned_as_the_hips_and_carries_the_waist(model) -> None:
     motion = load_motion_targets("dance", model)
     source = motion.MakePrescribedSource()
     context = source.CreateDefaultContext()
-    clip = load_clip("dance")
-    centres = joint_centres(clip)
+    centres = joint_centres(load_performer("dance"))
     waist = find_frame(model.plant, model.description.task_frames["waist"])
     height = model.description.root_pose.xyz[2]
     scale = height / centres.hip_height
@@ -146,6 +144,6 @@ def test_half_a_root_is_told_half_of_that(model, root, positions, rates) -> None
 
 
 def test_a_motion_without_a_pelvis_is_told() -> None:
-    performer = replace(as_performer(load_clip("dance")), orientations={})
+    performer = replace(load_performer("dance"), orientations={})
     with pytest.raises(MotionError, match="dance: it does not tell how the pelvis"):
         hip_turns(performer)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from small_robots import add_plant
 
 from crar_drake.errors import ScenarioError
-from crar_drake.motion.catalogue import load_clip
+from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.hand_orientations import hand_orientations
 from crar_drake.motion.joint_centres import joint_centres
 from crar_drake.robot.description import RobotDescription, load_robot_description
@@ -94,7 +94,7 @@ def with_hands() -> ControlModel:
 def test_waist_and_heading_are_the_performers(model):
     """At every time the robot's waist is where the motion's is, and as turned."""
     motion = load_motion_targets("dance", model)
-    centres = joint_centres(load_clip("dance"))
+    centres = joint_centres(load_performer("dance"))
     scale = segment_lengths(model).waist_height / centres.hip_height
     context = model.plant.CreateDefaultContext()
     waist = model.plant.GetFrameByName("waist")
@@ -135,13 +135,13 @@ def test_hands_are_turned_as_the_performers(with_hands):
     """In the order of the layout, the hand 8 cm ahead of the wrist."""
     scenario = Scenario(motion="dance", tasks=HAND_TASKS)
     motion = load_desired_motion(scenario, with_hands)
-    clip = load_clip("dance")
-    R_WH = hand_orientations(clip).rotations["left_hand"]
+    performer = load_performer("dance")
+    R_WH = hand_orientations(performer).rotations["left_hand"]
     wrist = load_motion_targets("dance", trunk(position_tasks(["left_wrist"])))
     source = motion.MakeTaskSource()
     context = source.CreateDefaultContext()
-    for frame in range(0, clip.num_frames, 53):
-        time = frame / clip.frame_rate
+    for frame in range(0, performer.num_frames, 53):
+        time = frame / performer.frame_rate
         context.SetTime(time)
         value = source.get_output_port().Eval(context)
         np.testing.assert_array_equal(value, motion.tasks_at(time))

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from small_walker import walker
 
 from crar_drake.errors import MotionError, ScenarioError
-from crar_drake.motion.catalogue import load_clip
-from crar_drake.motion.performers.asf_amc import as_performer
+from crar_drake.motion.catalogue import load_performer
 from crar_drake.robot.description import find_frame
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, experiment_tasks, position_tasks
@@ -46,7 +45,7 @@ def beginning(performer, frames=FRAMES):
 
 @pytest.fixture(scope="module")
 def performer():
-    return beginning(as_performer(load_clip("dance")))
+    return beginning(load_performer("dance"))
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +132,7 @@ def test_a_scenario_follows_all_joints_from_where_they_begin(description):
         robot=description.folder, motion="dance", experiment="whole-body"
     )
     setup = PrepareScenario(scenario)
-    model, performer = setup.model, as_performer(load_clip("dance"))
+    model, performer = setup.model, load_performer("dance")
     context = set_frame(model, performer, 0)
     np.testing.assert_allclose(
         np.abs(setup.start_positions),

@@ -6,18 +6,19 @@ y up. Angles are never clamped to the skeleton's limits: real files exceed them,
 and exceed a full turn as well.
 """
 
+import io
 import math
 import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn, TextIO
+from typing import Any, NoReturn
 
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.text_files import shown
+from crar_drake.motion.text_files import read_motion_text, shown
 
 INCH = 0.0254  # [m]
 CMU_LENGTH = 0.45  # the `length` of every CMU skeleton [file units per inch]
@@ -136,18 +137,16 @@ class BonePoses:
 class _Lines:
     """The lines of a text file without comments and blanks, with their numbers."""
 
-    def __init__(self, path: Path, file: TextIO) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
         self.number = 0
-        self._file = file
 
     def __iter__(self) -> Iterator[list[str]]:
-        """Yields each line's words; universal newlines handle LF and CRLF."""
-        for number, line in enumerate(self._file, start=1):
-            self.number = number
-            if "#" in line:
-                line = line[: line.index("#")]
-            words = line.split()
+        """Yields each line's words."""
+        # Unlike `splitlines`, as editors count them.
+        for line in io.StringIO(read_motion_text(self.path)):
+            self.number += 1
+            words = line.partition("#")[0].split()
             if words:
                 yield words
 
@@ -156,12 +155,6 @@ class _Lines:
 
     def numbers(self, words: list[str]) -> list[float]:
         """Returns the words as finite numbers."""
-        try:
-            values = [float(word) for word in words]
-            if math.isfinite(sum(values)):
-                return values
-        except ValueError:
-            pass
         values = []
         for word in words:
             try:
@@ -174,16 +167,6 @@ class _Lines:
         return values
 
 
-def _open(path: Path, kind: str) -> TextIO:
-    try:
-        # A stale path in a comment may be in any encoding: never stumble over it.
-        return open(path, encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        raise MotionError(
-            f"{path}: cannot read this {kind}: {error.strerror or error}"
-        ) from error
-
-
 def read_asf(path: str | os.PathLike[str]) -> Skeleton:
     """Reads an Acclaim skeleton.
 
@@ -194,9 +177,7 @@ def read_asf(path: str | os.PathLike[str]) -> Skeleton:
         MotionError: the file is missing, is not an ASF, or its bones do not hang
             together; the message names file and line.
     """
-    path = Path(path)
-    with _open(path, "skeleton") as file:
-        return _AsfParser(_Lines(path, file)).parse()
+    return _AsfParser(_Lines(Path(path))).parse()
 
 
 class _AsfParser:
@@ -207,17 +188,13 @@ class _AsfParser:
         self.name = lines.path.stem
         self.length_unit: float | None = None
         self.angle_unit = "degrees"
-        self.seen: set[str] = set()
-        self.raw_bones: dict[str, dict[str, list[str]]] = {}
-        self.bone_lines: dict[str, int] = {}
-        self.parents: dict[str, str] = {}
-        self.children: dict[str, list[str]] = {}
-        self.block: dict[str, list[str]] | None = None
-        self.block_line = 0
+        self.blocks: dict[str, dict[str, Any]] = {}  # of the bones, by name
+        self.block: dict[str, Any] | None = None  # that is open, and its line
         self.last_key = ""
+        self.parents: dict[str, str] = {}
 
     def parse(self) -> Skeleton:
-        section = ""
+        section, seen = "", set()
         handlers = {
             "units": self.on_units,
             "root": self.on_root,
@@ -226,12 +203,9 @@ class _AsfParser:
         }
         for words in self.lines:
             if words[0].startswith(":"):
-                if self.block is not None:
-                    self.lines.fail(
-                        f"the bone begun on line {self.block_line} has no end"
-                    )
+                self.check_closed("has no end")
                 section = words[0][1:].lower()
-                self.seen.add(section)
+                seen.add(section)
                 if section == "name" and len(words) > 1:
                     self.name = " ".join(words[1:])
             elif not section:
@@ -243,11 +217,11 @@ class _AsfParser:
                 handlers[section](words)
         if self.block is not None:
             self.lines.fail(
-                f"the file ends inside the bone begun on line {self.block_line}; "
+                f"the file ends inside the bone begun on line {self.block['line']}; "
                 f"it seems cut off"
             )
         for needed in ("root", "bonedata", "hierarchy"):
-            if needed not in self.seen:
+            if needed not in seen:
                 self.lines.fail(f"the skeleton has no :{needed} section")
         if self.length_unit is None:
             self.lines.fail(
@@ -257,6 +231,11 @@ class _AsfParser:
         return Skeleton(
             self.name, self.ordered_bones(), self.length_unit, self.angle_unit
         )
+
+    def check_closed(self, what: str) -> None:
+        """Fails if a bone is open; `what` is said of it."""
+        if self.block is not None:
+            self.lines.fail(f"the bone begun on line {self.block['line']} {what}")
 
     @property
     def radians_per_unit(self) -> float:
@@ -302,10 +281,8 @@ class _AsfParser:
     def on_bonedata(self, words: list[str]) -> None:
         key = words[0].lower()
         if key == "begin":
-            if self.block is not None:
-                self.lines.fail(f"the bone begun on line {self.block_line} has no end")
-            self.block, self.block_line = {}, self.lines.number
-            self.last_key = ""
+            self.check_closed("has no end")
+            self.block, self.last_key = {"line": self.lines.number}, ""
         elif self.block is None:
             self.lines.fail(f"expected begin, found {shown(words[0])}")
         elif key == "end":
@@ -315,53 +292,53 @@ class _AsfParser:
                 self.lines.fail("a pair of limits without the word limits before it")
             self.block["limits"] += words
         else:
-            # Values are checked here, while the line number is at hand.
-            if key == "direction":
-                self.values(words, 3)
-            elif key == "length":
-                self.values(words, 1)
-            elif key == "axis":
-                self.values(words[:4], 3)
-                self.check_axis_order(words[4:])
-            elif key == "dof":
-                for name in words[1:]:
-                    if name.lower() not in _DOF_NAMES:
-                        self.lines.fail(
-                            f"dof {shown(name)} is not supported, only rx ry rz"
-                        )
-                if len({name.lower() for name in words[1:]}) < len(words) - 1:
-                    self.lines.fail("a dof is listed twice")
-            elif key == "name" and len(words) != 2:
+            self.block[key], self.last_key = self.bone_entry(key, words), key
+
+    def bone_entry(self, key: str, words: list[str]) -> Any:
+        """What a line of a bone says, checked while its number is at hand."""
+        if key == "direction":
+            return self.values(words, 3)
+        if key == "length":
+            return self.values(words, 1)[0]
+        if key == "axis":
+            values = self.values(words[:4], 3)
+            self.check_axis_order(words[4:])
+            return values
+        if key == "dof":
+            names = tuple(word.lower() for word in words[1:])
+            for name in words[1:]:
+                if name.lower() not in _DOF_NAMES:
+                    self.lines.fail(
+                        f"dof {shown(name)} is not supported, only rx ry rz"
+                    )
+            if len(set(names)) < len(names):
+                self.lines.fail("a dof is listed twice")
+            return names
+        if key == "name":
+            if len(words) != 2:
                 self.lines.fail("a bone needs one name without spaces")
-            self.block[key] = words[1:]
-            self.last_key = key
+            return words[1]
+        return words[1:]
 
     def end_bone(self) -> None:
-        assert self.block is not None
         for needed in ("name", "direction", "length", "axis"):
             if needed not in self.block:
-                self.lines.fail(
-                    f"the bone begun on line {self.block_line} has no {needed}"
-                )
-        name = self.block["name"][0]
-        if name in self.raw_bones or name == "root":
+                self.check_closed(f"has no {needed}")
+        name, length = self.block["name"], self.block["length"]
+        if name in self.blocks or name == "root":
             self.lines.fail(f"bone {shown(name)} is defined twice")
-        direction = [float(word) for word in self.block["direction"]]
-        length = float(self.block["length"][0])
-        if length < 0.0 or (length > 0.0 and not any(direction)):
+        if length < 0.0 or (length > 0.0 and not any(self.block["direction"])):
             self.lines.fail(
                 f"bone {name} needs a length >= 0 and a direction other than 0 0 0"
             )
-        self.raw_bones[name] = self.block
-        self.bone_lines[name] = self.block_line
-        self.block = None
+        self.blocks[name], self.block = self.block, None
 
     def on_hierarchy(self, words: list[str]) -> None:
         if words[0].lower() in ("begin", "end"):
             return
         parent, *children = words
         for name in words:
-            if name != "root" and name not in self.raw_bones:
+            if name != "root" and name not in self.blocks:
                 what = "parent" if name == parent else "bone"
                 self.lines.fail(
                     f"the hierarchy names the {what} {shown(name)}, which "
@@ -371,19 +348,20 @@ class _AsfParser:
             if child == "root" or child in self.parents:
                 self.lines.fail(f"bone {child} has two parents in the hierarchy")
             self.parents[child] = parent
-            self.children.setdefault(parent, []).append(child)
 
     def ordered_bones(self) -> dict[str, Bone]:
         """Returns the bones from the root outwards."""
         bones: dict[str, Bone] = {}
-        waiting = list(reversed(self.children.get("root", [])))
+        waiting = ["root"]
         while waiting:
             name = waiting.pop()
-            bones[name] = self.make_bone(name)
-            waiting += reversed(self.children.get(name, []))
-        for name, line in self.bone_lines.items():
+            if name != "root":
+                bones[name] = self.make_bone(name)
+            inwards = reversed(self.parents.items())
+            waiting += [child for child, parent in inwards if parent == name]
+        for name, block in self.blocks.items():
             if name not in bones:
-                self.lines.number = line
+                self.lines.number = block["line"]
                 self.lines.fail(
                     f"bone {name} has no way to the root in :hierarchy; give it a "
                     f"parent there or remove the bone"
@@ -393,18 +371,18 @@ class _AsfParser:
         return bones
 
     def make_bone(self, name: str) -> Bone:
-        raw = self.raw_bones[name]
-        direction = np.array(raw["direction"], dtype=float)
+        block = self.blocks[name]
+        direction = np.array(block["direction"])
         norm = np.linalg.norm(direction)
-        dof = tuple(word.lower() for word in raw.get("dof", []))
+        dof = block.get("dof", ())
         return Bone(
             name=name,
             parent=self.parents[name],
             direction=direction / norm if norm > 0.0 else direction,
-            length=float(raw["length"][0]) * INCH / self.length_unit,
-            axis=np.array(raw["axis"][:3], dtype=float) * self.radians_per_unit,
+            length=block["length"] * INCH / self.length_unit,
+            axis=np.array(block["axis"]) * self.radians_per_unit,
             dof=dof,
-            limits=self.limits(raw.get("limits", []), len(dof)),
+            limits=self.limits(block.get("limits", []), len(dof)),
         )
 
     def limits(self, words: list[str], count: int) -> tuple[tuple[float, float], ...]:
@@ -464,63 +442,61 @@ def read_amc(
     angle_unit = "degrees"
     stated_rate: float | None = None
 
-    with _open(path, "motion") as file:
-        lines = _Lines(path, file)
+    lines = _Lines(path)
 
-        def check_complete() -> None:
-            missing = [bone for bone in needed if len(columns[bone]) < frames]
-            if missing:
-                more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
-                lines.fail(
-                    f"frame {frames} ends without {', '.join(missing[:4])}{more}; "
-                    f"the file is cut off or belongs to another skeleton than "
-                    f"{shown(skeleton.name)}"
-                )
+    def check_complete() -> None:
+        missing = [bone for bone in needed if len(columns[bone]) < frames]
+        if missing:
+            more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
+            lines.fail(
+                f"frame {frames} ends without {', '.join(missing[:4])}{more}; "
+                f"the file is cut off or belongs to another skeleton than "
+                f"{shown(skeleton.name)}"
+            )
 
-        for words in lines:
-            bone = words[0]
-            if bone in columns and frames > 0:
-                column = columns[bone]
-                if len(words) - 1 != counts[bone]:
-                    lines.fail(
-                        f"{bone} needs {counts[bone]} values on skeleton "
-                        f"{shown(skeleton.name)}, found {len(words) - 1}"
-                    )
-                if len(column) == frames:
-                    lines.fail(f"{bone} appears twice in frame {frames}")
-                column.append(lines.numbers(words[1:]))
-            elif len(words) == 1 and bone.isascii() and bone.isdigit():
-                check_complete()
-                if int(bone) != frames + 1:
-                    lines.fail(
-                        f"frame {bone} where frame {frames + 1} was expected; "
-                        f"frames are numbered from 1 without gaps"
-                    )
-                frames += 1
-            elif bone.startswith(":") and frames == 0:
-                keyword = bone.upper()
-                if keyword in (":DEGREES", ":RADIANS"):
-                    angle_unit = keyword[1:].lower()
-                elif keyword == ":SAMPLES-PER-SECOND":
-                    stated_rate = _stated_rate(lines, words)
-            elif frames == 0:
+    for words in lines:
+        bone = words[0]
+        if bone in columns and frames > 0:
+            column = columns[bone]
+            if len(words) - 1 != counts[bone]:
                 lines.fail(
-                    f"not an AMC motion: expected frame number 1, found {shown(bone)}"
+                    f"{bone} needs {counts[bone]} values on skeleton "
+                    f"{shown(skeleton.name)}, found {len(words) - 1}"
                 )
-            elif bone in counts:
+            if len(column) == frames:
+                lines.fail(f"{bone} appears twice in frame {frames}")
+            column.append(lines.numbers(words[1:]))
+        elif len(words) == 1 and bone.isascii() and bone.isdigit():
+            check_complete()
+            if int(bone) != frames + 1:
                 lines.fail(
-                    f"{bone} has no degrees of freedom on skeleton "
-                    f"{shown(skeleton.name)}"
+                    f"frame {bone} where frame {frames + 1} was expected; "
+                    f"frames are numbered from 1 without gaps"
                 )
-            else:
-                lines.fail(
-                    f"bone {shown(bone)} is not in skeleton {shown(skeleton.name)}; "
-                    f"give the motion's own skeleton"
-                )
-        if frames < 2:
-            have = "no frames" if frames == 0 else "a single frame"
-            lines.fail(f"the motion has {have}; at least 2 are needed")
-        check_complete()
+            frames += 1
+        elif bone.startswith(":") and frames == 0:
+            keyword = bone.upper()
+            if keyword in (":DEGREES", ":RADIANS"):
+                angle_unit = keyword[1:].lower()
+            elif keyword == ":SAMPLES-PER-SECOND":
+                stated_rate = _stated_rate(lines, words)
+        elif frames == 0:
+            lines.fail(
+                f"not an AMC motion: expected frame number 1, found {shown(bone)}"
+            )
+        elif bone in counts:
+            lines.fail(
+                f"{bone} has no degrees of freedom on skeleton {shown(skeleton.name)}"
+            )
+        else:
+            lines.fail(
+                f"bone {shown(bone)} is not in skeleton {shown(skeleton.name)}; "
+                f"give the motion's own skeleton"
+            )
+    if frames < 2:
+        have = "no frames" if frames == 0 else "a single frame"
+        lines.fail(f"the motion has {have}; at least 2 are needed")
+    check_complete()
 
     root = np.array(columns.pop("root"))
     rate, rate_source = frame_rate, "given"

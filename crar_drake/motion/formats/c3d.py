@@ -27,7 +27,7 @@ _PATIENCE = 60.0  # [s]
 _SLOWEST = 1e6  # [bytes/s]
 _MEMORY = 2**32  # [bytes]; what libraries reserve is most of it
 
-_UNITS = {"mm": "mm", "cm": "cm", "m": "m", "in": "in", "": ""}
+_UNITS = ("mm", "cm", "m", "in", "")
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def read_c3d(path: str | os.PathLike[str]) -> Markers:
         labels,
         positions,
         rate if math.isfinite(rate) and rate > 0.0 else 0.0,
-        _UNITS[unit],
+        unit,
         _measures(parameters["PROCESSING"]),
     )
 

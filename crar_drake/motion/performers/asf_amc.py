@@ -13,6 +13,8 @@ from crar_drake.motion.formats.asf_amc import (
     rest_pose,
 )
 from crar_drake.motion.performer import (
+    ARM,
+    SIDES,
     Fact,
     Performer,
     heading_of,
@@ -44,11 +46,7 @@ _BONE_OF = {
 }
 
 # What today's robots follow.
-_UPPER_BODY = ("neck",) + tuple(
-    f"{side}_{joint}"
-    for side in ("left", "right")
-    for joint in ("shoulder", "elbow", "wrist")
-)
+_UPPER_BODY = ("neck", *(f"{side}_{joint}" for side in SIDES for joint in ARM))
 
 # Hand: the bone that says how it is turned. That is the wrist, the forearm's last
 # third, which turns with the hand and was fitted to the two markers at its sides; it
@@ -128,11 +126,6 @@ def asf_amc_performer(clip: Clip) -> Performer:
         obstacle=_obstacle(clip, float(lowest)),
         hands_obstacle=hands_obstacle,
     )
-
-
-def as_performer(motion: Performer | Clip) -> Performer:
-    """Returns the performer of a clip; a performer is itself."""
-    return asf_amc_performer(motion) if isinstance(motion, Clip) else motion
 
 
 def _obstacle(clip: Clip, lowest: float) -> str:

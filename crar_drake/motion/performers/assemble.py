@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from crar_drake.errors import MotionError
+from crar_drake.motion.conditioning import across, unit_vectors
 from crar_drake.motion.file_frame import (
     ANKLE_SHARE,
     LEG_SHARE,
@@ -23,6 +24,7 @@ from crar_drake.motion.performer import (
     Described,
     Fact,
     Performer,
+    Points,
     heading_of,
 )
 from crar_drake.motion.plausible import refuse_far
@@ -80,8 +82,8 @@ class Recording(Described):
         doubts, facts: as in `Performer`.
     """
 
-    positions: Mapping[str, np.ndarray]
-    rest: Mapping[str, np.ndarray] = field(default_factory=dict)
+    positions: Points
+    rest: Points = field(default_factory=dict)
     rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
     body_axes: np.ndarray | None = None
     floor_unknown: bool = False
@@ -167,15 +169,13 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
     )
 
 
-def frames_apart(
-    p: Mapping[str, np.ndarray], frame_rate: float, at_rest: np.ndarray
-) -> int:
+def frames_apart(p: Points, frame_rate: float, at_rest: np.ndarray) -> int:
     """Number of frames at the beginning that are a pose by themselves, as a T-pose.
 
     It is held for up to half a second, and the body then leaps out of it.
 
     Args:
-        p: joint to (T, 3) in any unit.
+        p: in any unit.
         frame_rate: samples per second [Hz].
         at_rest: (T,) whether the skeleton is in its zero pose; out of it a smaller
             leap counts.
@@ -202,14 +202,11 @@ def frames_apart(
     return 0
 
 
-def _floor(
-    p: Mapping[str, np.ndarray], leg: float, within: float
-) -> tuple[float, Fact | None]:
+def _floor(p: Points, leg: float, within: float) -> tuple[float, Fact | None]:
     """Height of the floor in the file [m], 0 if the body comes as near as `within`."""
-    feet = [joint for joint in p if joint.endswith(("ankle", "toe"))]
-    lowest = np.min([p[joint][:, 2] for joint in p], axis=0)
+    lowest = np.min([q[:, 2] for q in p.values()], axis=0)
     height = float(np.quantile(lowest, _FLOOR_QUANTILE))
-    if not any(joint.endswith("toe") for joint in feet):
+    if not any(joint.endswith("toe") for joint in p):
         height -= leg * ANKLE_SHARE / LEG_SHARE
     if abs(height) < within:
         return 0.0, None
@@ -219,14 +216,13 @@ def _floor(
 
 def _frames(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     """(T, 3, 3) rotations whose first axis is along x and whose third near z."""
-    x = x / np.linalg.norm(x, axis=1, keepdims=True)
-    z = z - np.sum(z * x, axis=1, keepdims=True) * x
-    z = z / np.linalg.norm(z, axis=1, keepdims=True)
+    x = unit_vectors(x)
+    z = unit_vectors(across(z, x))
     return np.stack([x, np.cross(z, x), z], axis=2)
 
 
 def _orientations(
-    recording: Recording, world: Mapping[str, np.ndarray], R_WF: np.ndarray
+    recording: Recording, world: Points, R_WF: np.ndarray
 ) -> tuple[np.ndarray, dict[str, np.ndarray], Fact]:
     """R_WP of the pelvis, those of all parts, and where they come from."""
     rotations = recording.rotations
@@ -246,36 +242,23 @@ def _orientations(
         z = world["neck"] - world["pelvis"]
     else:
         z = recording.pelvis_up @ R_WF.T
-    R_WP = _pelvis_frames(y, z)
+    y = unit_vectors(y)
+    z = unit_vectors(across(z, y))
+    R_WP = np.stack([np.cross(y, z), y, z], axis=2)
     if not turned:
         fact = Fact("orientations", "of the pelvis", "inferred", "from hips and trunk")
         return R_WP, {"pelvis": R_WP}, fact
     # The zero pose is no standing person: the most upright frame stands in for it.
-    bones = [
-        (world[f"{side}_{a}"] - world[f"{side}_{b}"], side)
+    bones = [world["neck"] - world["pelvis"]] + [
+        world[f"{side}_{a}"] - world[f"{side}_{b}"]
         for side in SIDES
         for a, b in (("hip", "knee"), ("knee", "ankle"))
     ]
-    trunk = world["neck"] - world["pelvis"]
-    upright = np.min(
-        [v[:, 2] / np.linalg.norm(v, axis=1) for v in (trunk, *(b for b, _ in bones))],
-        axis=0,
-    )
+    upright = np.min([v[:, 2] / np.linalg.norm(v, axis=1) for v in bones], axis=0)
     k = int(np.argmax(upright))
     c, s = np.cos(heading_of(R_WP)[k]), np.sin(heading_of(R_WP)[k])
     yaw = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     orientations = {joint: R @ R[k].T @ yaw for joint, R in turned.items()}
     why = f"against frame {k + 1}, the most upright: the zero pose is not standing"
-    return (
-        R_WP,
-        orientations | {"pelvis": R_WP},
-        Fact("orientations", "", "inferred", why),
-    )
-
-
-def _pelvis_frames(y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """(T, 3, 3) rotations whose second axis is along y and whose third near z."""
-    y = y / np.linalg.norm(y, axis=1, keepdims=True)
-    z = z - np.sum(z * y, axis=1, keepdims=True) * y
-    z = z / np.linalg.norm(z, axis=1, keepdims=True)
-    return np.stack([np.cross(y, z), y, z], axis=2)
+    fact = Fact("orientations", "", "inferred", why)
+    return R_WP, orientations | {"pelvis": R_WP}, fact

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from crar_drake.errors import MotionError
 from crar_drake.motion.file_frame import body_forward, seems_mirrored
 from crar_drake.motion.formats.bvh import (
     Bvh,
@@ -20,6 +19,7 @@ from crar_drake.motion.performer import (
     SIDES,
     Fact,
     Performer,
+    Points,
     repeated,
     sides_swapped,
     turning,
@@ -46,10 +46,6 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
         MotionError: it has no two arms and legs, too few frames, or lengths that are
             a person's in no unit; the message says what was found.
     """
-    if bvh.num_frames < 2:
-        raise MotionError(
-            f"motion {name}: it has a single frame; at least 2 are needed"
-        )
     poses = bvh_kinematics(bvh)
     match = JointMatch(bvh, poses, name, options)
     found = match.joints()
@@ -181,7 +177,7 @@ def _exact_rate(rate: float) -> float:
     return float(near) if near and abs(rate / near - 1.0) < 1e-3 else rate
 
 
-def _stands(rest: Mapping[str, np.ndarray]) -> bool:
+def _stands(rest: Points) -> bool:
     """Whether the rest pose is a person's that stands: legs away from the neck."""
     up = rest["neck"] - rest["pelvis"]
     hips = rest["left_hip"] - rest["right_hip"]
@@ -203,7 +199,7 @@ def _match_facts(match: JointMatch) -> list[Fact]:
     return [Fact(limbs, "by the shape of the tree", "inferred", why)]
 
 
-def _pose_fact(rest: Mapping[str, np.ndarray]) -> Fact:
+def _pose_fact(rest: Points) -> Fact:
     if not rest:
         return Fact("rest pose", "not a standing person's", "inferred")
     up = rest["neck"] - rest["pelvis"]
@@ -245,7 +241,7 @@ def _hands(
     bvh: Bvh,
     poses: BvhPoses,
     found: Mapping[str, int],
-    rest: Mapping[str, np.ndarray],
+    rest: Points,
     rest_all: np.ndarray | None,
     name: str,
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], str]:

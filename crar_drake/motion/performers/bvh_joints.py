@@ -7,11 +7,10 @@ import numpy as np
 from crar_drake.errors import MotionError
 from crar_drake.motion.file_frame import seems_mirrored
 from crar_drake.motion.formats.bvh import Bvh, BvhPoses
-from crar_drake.motion.joint_file import load_joint_file
-from crar_drake.motion.joint_names import joints_by_name
+from crar_drake.motion.joint_names import joints_by_name, load_joint_file
 from crar_drake.motion.joint_topology import Limbs, find_limbs
 from crar_drake.motion.options import MotionOptions
-from crar_drake.motion.performer import ARM, LEG, SIDES
+from crar_drake.motion.performer import ARM, LEG, SIDES, sides_swapped
 
 _LIMBS = {"arm": ARM, "leg": LEG}
 
@@ -129,18 +128,13 @@ class JointMatch:
                 f"motion {self.motion}: names do not tell left from right, and neither "
                 "toes nor knees tell the front; say which is which: --joints FILE"
             )
-        swap = [LEG + ("toe",)] if mirrored else []
         hips = points["left_hip"] - points["right_hip"]
         shoulders = points["left_shoulder"] - points["right_shoulder"]
         crossed = np.median(np.sum(hips * shoulders, axis=1)) < 0.0
-        if crossed != mirrored:
-            swap.append(ARM)
-        for parts in swap:
-            for part in parts:
-                left, right = f"left_{part}", f"right_{part}"
-                a, b = result.pop(left, None), result.pop(right, None)
-                result |= {k: v for k, v in ((left, b), (right, a)) if v is not None}
-        return result
+        swap = (*LEG, "toe") if mirrored else ()
+        swap += ARM if crossed != mirrored else ()
+        swapped = {j: result.pop(j) for j in [*result] if j.partition("_")[2] in swap}
+        return result | sides_swapped(swapped)
 
     def trunk(
         self, found: dict[str, int], by_file: Mapping[str, int]

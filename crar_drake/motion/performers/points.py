@@ -6,8 +6,7 @@ from crar_drake.errors import MotionError
 from crar_drake.motion.file_frame import leg_length, seems_mirrored
 from crar_drake.motion.formats.point_arrays import PointArrays
 from crar_drake.motion.gaps import fill_all
-from crar_drake.motion.joint_file import load_joint_file
-from crar_drake.motion.joint_names import joints_by_name
+from crar_drake.motion.joint_names import joints_by_name, load_joint_file
 from crar_drake.motion.options import UNITS, MotionOptions
 from crar_drake.motion.performer import (
     JOINTS,

@@ -1,38 +1,40 @@
-"""A first guess at a motion's points on arms, neck and waist, and at a single arm's
-tool."""
+"""A first guess at a motion's points on a robot, and at a single arm's tool."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
 from crar_drake.robot_import.anatomy import (
     FEWEST_JOINTS,
     MIRROR_TOLERANCE,
-    Anatomy,
     Arm,
+    Arms,
+    axes_crossing,
     elbow_index,
     find_leg_chains,
     frame_at,
     joint_axis,
+    knee_index,
     longest_chains,
     shoulder_point,
     welded_below,
     wrist_joint,
 )
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.meshes import Part, lowest_points
-from crar_drake.robot_import.source_robot import Joint, SourceRobot
+from crar_drake.robot_import.meshes import Looks, lowest_points, vertices_of
+from crar_drake.robot_import.source_robot import Joint, Poses, SourceRobot
+
+LEG_POINTS = ("hip", "knee", "foot")
 
 _TOOLS = ("tcp", "tool", "grasp", "end_effector", "ee_link", "eef")  # best first
 _ON_FLOOR = 0.2  # [m] that a root link on wheels is above the floor, at most
 _WAIST_SHARE = 0.62  # of a person's neck's height
+_ABOVE = 0.03  # [m] above the shoulders that a head reaches, at least
 _TRUNK_SHARE = 0.9  # of a person's arm, from shoulder to wrist
 
 
 def guess_frames(
-    robot: SourceRobot,
-    anatomy: Anatomy,
-    parts: Mapping[str, Sequence[Part]] | None = None,
+    robot: SourceRobot, anatomy: Arms, parts: Looks | None = None
 ) -> dict[str, FrameChoice]:
     """The points that a motion of joint centres needs, on the robot.
 
@@ -46,16 +48,10 @@ def guess_frames(
     other it is the axes' points that are nearest to the shoulder.
     Neck: between the shoulders. Waist: the root link, or where a body has it if that is
     on wheels, below all of the robot or elsewhere far from there.
-
-    Args:
-        robot: in a frame whose x axis is its front.
-        anatomy: its arms.
-        parts: link to its real look, in its frame; without it, floor and tips are
-            unknown.
     """
     X, parts = robot.poses(), parts or {}
     frames = {}
-    arms = {"left": anatomy.left, "right": anatomy.right}
+    arms = anatomy._asdict()
     elbows = {side: elbow_index(X, arm) for side, arm in arms.items()}
     wrists = {side: wrist_joint(X, arm, elbows[side]) for side, arm in arms.items()}
     shoulders = {side: shoulder_point(X, arm) for side, arm in arms.items()}
@@ -83,7 +79,7 @@ def guess_frames(
     p_waist = _waist_above_wheels(robot, anatomy, p_neck, parts)
     if p_waist is None:
         limbs = [("shoulder", "elbow"), ("elbow", "wrist")]
-        p = {name: X[f.link].multiply(np.array(f.point)) for name, f in frames.items()}
+        p = {name: frame.place(X) for name, frame in frames.items()}
         arm_length = sum(
             np.linalg.norm(p[f"left_{a}"] - p[f"left_{b}"]) for a, b in limbs
         )
@@ -99,7 +95,9 @@ def guess_frames(
     return {name: frames[name] for name in (*order, *sorted(set(frames) - set(order)))}
 
 
-def _on_axes(X, joints: Iterable[Joint], p_shoulders: Iterable[np.ndarray]) -> list:
+def _on_axes(
+    X: Poses, joints: Iterable[Joint], p_shoulders: Iterable[np.ndarray]
+) -> list[np.ndarray]:
     """The origins of a left joint and a right one if they mirror each other, else the
     points of their axes that are nearest to the shoulders; in the root's frame."""
     joints = list(joints)
@@ -115,25 +113,23 @@ def _on_axes(X, joints: Iterable[Joint], p_shoulders: Iterable[np.ndarray]) -> l
     ]
 
 
-def _forearm_tip(X, arm: Arm, elbow: int, parts) -> np.ndarray | None:
+def _forearm_tip(X: Poses, arm: Arm, elbow: int, parts: Looks) -> np.ndarray | None:
     """Where a forearm's wrist would be that has no hand: 80 % of the way to its tip.
 
     None where the hand is a link of its own, away from the elbow, or has no look.
     """
     p_elbow = X[arm.joints[elbow].child].translation()
-    points = [
-        X[arm.hand].multiply(part.vertices.T).T for part in parts.get(arm.hand, ())
-    ]
-    if np.linalg.norm(X[arm.hand].translation() - p_elbow) > 0.03 or not points:
+    look = parts.get(arm.hand)
+    if np.linalg.norm(X[arm.hand].translation() - p_elbow) > 0.03 or not look:
         return None
-    from_elbow = np.concatenate(points) - p_elbow
+    from_elbow = vertices_of(look, X[arm.hand]) - p_elbow
     reach = np.linalg.norm(from_elbow, axis=1)
     # The middle of what is near the tip, not its outermost corner.
     tip = from_elbow[reach > 0.9 * reach.max()].mean(axis=0)
     return p_elbow + 0.8 * tip
 
 
-def on_wheels(robot: SourceRobot, parts: Mapping[str, Sequence[Part]]) -> bool:
+def on_wheels(robot: SourceRobot, parts: Looks) -> bool:
     """Whether the root link is on the floor, with wheels around it or a name so."""
     bottoms = lowest_points(robot, parts).values()
     if not bottoms:
@@ -149,7 +145,9 @@ def _waist_above(floor: float, p_neck: np.ndarray) -> np.ndarray:
     return np.array([*p_neck[:2], floor + _WAIST_SHARE * (p_neck[2] - floor)])
 
 
-def _waist_above_wheels(robot, anatomy: Anatomy, p_neck, parts) -> np.ndarray | None:
+def _waist_above_wheels(
+    robot: SourceRobot, anatomy: Arms, p_neck: np.ndarray, parts: Looks
+) -> np.ndarray | None:
     """The waist of a robot whose root is on wheels; None for others.
 
     It is where the trunk turns, if that is at a waist's height, else at a person's
@@ -172,7 +170,7 @@ def _waist_above_wheels(robot, anatomy: Anatomy, p_neck, parts) -> np.ndarray | 
 
 
 def _waist_far_from_root(
-    robot: SourceRobot, anatomy: Anatomy, p_neck: np.ndarray, arm_length: float
+    robot: SourceRobot, anatomy: Arms, p_neck: np.ndarray, arm_length: float
 ) -> np.ndarray | None:
     """The waist of a robot whose root link is not near where a body has it; else None.
 
@@ -192,6 +190,75 @@ def _waist_far_from_root(
     if 0.25 * arm_length < trunk < 1.5 * arm_length:
         return None
     return p_neck - [0.0, 0.0, _TRUNK_SHARE * arm_length]
+
+
+def guess_leg_and_head_frames(
+    robot: SourceRobot, anatomy: Arms, parts: Looks | None = None
+) -> tuple[dict[str, FrameChoice], list[str]]:
+    """Hips, knees, feet and head, and which of them were not found.
+
+    Knee: origin of the joint with a lateral axis that divides the leg most evenly.
+    Hip: where the axes of the two joints before the knee come nearest.
+    Foot: origin of the last joint, the ankle.
+    Head: middle of what one link has above the shoulders, on both sides of the middle;
+    the link is neither an arm's nor the trunk, and called head or else the largest.
+    """
+    frames: dict[str, FrameChoice] = {}
+    legs = find_leg_chains(robot, anatomy)
+    for side, leg in zip(("left", "right"), legs or (), strict=False):
+        frames |= {f"{side}_{name}": at for name, at in _of_leg(robot, leg).items()}
+    head = _head(robot, anatomy, parts or {})
+    if head is not None:
+        frames["head"] = head
+    wanted = [f"{side}_{name}" for side in ("left", "right") for name in LEG_POINTS]
+    return frames, [name for name in (*wanted, "head") if name not in frames]
+
+
+def has_feet(robot: SourceRobot, anatomy: Arms, parts: Looks) -> bool:
+    """Whether there are two legs, each with something at its end to stand on."""
+    legs = find_leg_chains(robot, anatomy)
+    ends = [leg.joints[-1].child for leg in legs or ()]
+    return bool(ends) and all(
+        any(parts.get(link) for link in (end, *welded_below(robot, end)))
+        for end in ends
+    )
+
+
+def _of_leg(robot: SourceRobot, leg: Arm) -> dict[str, FrameChoice]:
+    X, joints = robot.poses(), leg.joints
+    frames = {"foot": FrameChoice(joints[-1].child)}
+    knee = knee_index(X, leg)
+    if knee is None:
+        return frames
+    frames["knee"] = FrameChoice(joints[knee].child)
+    p_hip = X[joints[0].child].translation()
+    if knee >= 2:
+        p_hip = axes_crossing(X, joints[knee - 2], joints[knee - 1])
+    frames["hip"] = frame_at(X, joints[knee - 1].child, p_hip)
+    return frames
+
+
+def _head(robot: SourceRobot, anatomy: Arms, parts: Looks) -> FrameChoice | None:
+    X = robot.poses()
+    _, middle, shoulders = np.mean(
+        [X[arm.joints[0].child].translation() for arm in anatomy], axis=0
+    )
+    # Neither the arms nor what carries them.
+    apart = {link for arm in anatomy for link in robot.below(arm.joints[0].child)}
+    apart |= {joint.parent for arm in anatomy for joint in robot.path_to(arm.hand)}
+    found = {}
+    for link in robot.below(robot.root):
+        if link in apart or not parts.get(link):
+            continue
+        p = vertices_of(parts[link], X[link])
+        above = p[p[:, 2] > shoulders + _ABOVE]
+        if len(above) and above[:, 1].min() < middle < above[:, 1].max():
+            size = float(np.prod(np.ptp(above, axis=0)))
+            centre = (above.min(axis=0) + above.max(axis=0)) / 2.0
+            found["head" in link.lower(), size] = (link, centre)
+    if not found:
+        return None
+    return frame_at(X, *found[max(found)])
 
 
 def guess_tool(robot: SourceRobot) -> dict[str, FrameChoice]:

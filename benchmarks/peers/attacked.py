@@ -24,9 +24,15 @@ import numpy as np
 
 from benchmarks.adversary.attacks import make_episode
 from benchmarks.adversary.judge import Judge, Verdict
-from benchmarks.page import Benchmark, Table
-from benchmarks.peers.compare import PERIOD, add_peer_options, recorded, run_command
-from benchmarks.peers.crossings import add_only, entries, only
+from benchmarks.page import Benchmark, Table, run
+from benchmarks.peers.compare import (
+    PERIOD,
+    add_only,
+    add_peer_options,
+    only,
+    recorded,
+)
+from benchmarks.peers.crossings import entries
 from benchmarks.peers.peers import MARGIN
 from benchmarks.peers.problem import ROBOT, SAMPLE, describe, write_problem
 from crar_drake import (
@@ -279,4 +285,4 @@ def make_tables(found: dict[str, dict[str, Harm]]) -> list[Table]:
 
 
 if __name__ == "__main__":
-    run_command(main)
+    run(main)

@@ -14,20 +14,20 @@ the upper body, 0 to 23 of the G1), and on recordings of people; the latest as
 `benchmarks.presets` says.
 """
 
-import argparse
 import json
 from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.page import Benchmark, Table
+from benchmarks.page import Benchmark, Table, run
 from benchmarks.peers.compare import (
     COMPILED,
     PERIOD,
     Entry,
+    add_only,
     add_peer_options,
+    only,
     recorded,
-    run_command,
 )
 from benchmarks.peers.judge import Figures, Judge
 from benchmarks.peers.peers import NO_PREVIEW, OURS, PEERS
@@ -112,24 +112,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     benchmark.report([Table(HEADER, rows)])
 
 
-def add_only(benchmark: Benchmark) -> None:
-    """The option that `only` reads."""
-    benchmark.parser.add_argument(
-        "--only", nargs="+", default=[], help="controllers whose names contain one"
-    )
-
-
-def only(
-    rows: Sequence[Entry], arguments: argparse.Namespace, benchmark: Benchmark
-) -> list[Entry]:
-    """Those that are asked for; all if none is."""
-    parts = arguments.only
-    chosen = [row for row in rows if not parts or any(p in row.name for p in parts)]
-    if not chosen:
-        benchmark.parser.error(f"--only {' '.join(parts)}: no such controller")
-    return chosen
-
-
 def entries(cases: Sequence[str]) -> list[Entry]:
     """Every controller, with the same settings for all cases."""
     settings = load_settings()
@@ -169,4 +151,4 @@ def row(name: str, each: Sequence[Figures], best: Sequence[float]) -> list[str]:
 
 
 if __name__ == "__main__":
-    run_command(main)
+    run(main)

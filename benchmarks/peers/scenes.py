@@ -26,14 +26,13 @@ from pathlib import Path
 import numpy as np
 from rich.progress import track
 
-from benchmarks.page import Benchmark, Table
+from benchmarks.page import Benchmark, Table, run
 from benchmarks.peers.attacked import slow_down
 from benchmarks.peers.compare import (
     add_peer_options,
     drive,
     environment,
     job,
-    run_command,
 )
 from benchmarks.peers.peers import ENVIRONMENTS, MARGIN, Peer, every
 from benchmarks.peers.problem import describe, write_problem
@@ -432,4 +431,4 @@ def judged(
 
 
 if __name__ == "__main__":
-    run_command(main)
+    run(main)

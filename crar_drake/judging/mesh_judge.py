@@ -166,16 +166,6 @@ class MeshJudge:
             np.array([self._mesh_distance(poses, i, j) for i, j in self._indices]),
         )
 
-    def distance(self, q: np.ndarray, a: str, b: str) -> float:
-        """Signed distance of the meshes of two links, whether judged or not [m].
-
-        Args:
-            q: (nq,) positions of the plant.
-            a, b: of `links`.
-        """
-        i, j = self.links.index(a), self.links.index(b)
-        return self._mesh_distance(self._poses(q), i, j)
-
     def judge(self, q_trajectory: np.ndarray) -> MeshVerdict:
         """Judges every sample of a (T, nq) trajectory [rad or m]."""
         tally = _Tally(self.pairs)

@@ -273,11 +273,8 @@ class LiveSimulation:
         x[self.model.layout.position_entries.ravel()] = self.offsets.ravel()
         self._sources[0].set_offset(self._source_contexts[0], x)
         name = self.model.layout.names[self.model.layout.linear_tasks[task]]
-        words = f"{name} moved by"
-        if self.events and self.events[-1].what.startswith(words):
-            self.events.pop()  # one drag is one event
         x, y, z = offset
-        self._note(f"{words} {x:.3f}, {y:.3f}, {z:.3f} m")
+        self._note_drag(f"{name} moved by", f"{x:.3f}, {y:.3f}, {z:.3f} m")
 
     def set_ball(self, goal: np.ndarray | None) -> None:
         """Lets the ball move to a place, no faster than its speed.
@@ -291,11 +288,8 @@ class LiveSimulation:
         if self.ball is None:
             raise CrarError("this robot keeps off no obstacles: there is no ball")
         self._ball_goal = self._ball_home if goal is None else goal
-        words = f"{BALL} to"
-        if self.events and self.events[-1].what.startswith(words):
-            self.events.pop()  # one drag is one event
         x, y, z = self._ball_goal
-        self._note(f"{words} {x:.2f}, {y:.2f}, {z:.2f}")
+        self._note_drag(f"{BALL} to", f"{x:.2f}, {y:.2f}, {z:.2f}")
 
     def set_motion(self, on: bool) -> None:
         """Lets the motion stop where it is, or go on."""
@@ -407,6 +401,12 @@ class LiveSimulation:
     def _set_clock(self) -> None:
         for source, context in zip(self._sources, self._source_contexts, strict=True):
             source.set_clock(context, self.motion.clock)
+
+    def _note_drag(self, words: str, where: str) -> None:
+        """One drag is one event."""
+        if self.events and self.events[-1].what.startswith(words):
+            self.events.pop()
+        self._note(f"{words} {where}")
 
     def _note(self, what: str) -> None:
         self.events.append(Event(self.time + self.period, what))

@@ -17,7 +17,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +42,7 @@ from crar_drake import (
     load_robot_description,
     position_tasks,
 )
-from crar_drake.files import whole_file, write_whole
+from crar_drake.files import whole_file
 
 ATTACKS = (
     "teleport",
@@ -217,8 +217,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         parser.error(f"--seeds {arguments.seeds}: must be at least 1")
     if not SAMPLE <= arguments.period <= 0.1:
         parser.error(f"--period {arguments.period}: must be from {SAMPLE} to 0.1 s")
-    out = arguments.out.resolve()
-    folder = out / "problem"
+    folder = arguments.out.resolve() / "problem"
     write_problem(folder)
     if arguments.fastest:
         slow_down(folder, arguments.fastest)
@@ -233,16 +232,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         for attack, names in cases.items():
             for name in names:
                 found[entry.name][attack].add(witness.harm(results[name]))
-    write_whole(
-        out / "attacked.json",
-        json.dumps(
-            {
-                name: {attack: asdict(harm) for attack, harm in each.items()}
-                for name, each in found.items()
-            },
-            indent=1,
-        ),
-    )
     benchmark.report(make_tables(found))
 
 

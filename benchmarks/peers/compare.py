@@ -84,7 +84,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     rows = run_all(
         entries(chosen), pythons, folder, out / "runs", judge, arguments.rounds
     )
-    write_whole(out / "rows.json", json.dumps([asdict(row) for row in rows], indent=1))
     benchmark.report(tables(rows, load_settings()), versions=versions(rows))
 
 

@@ -16,7 +16,7 @@ one that changes the joints the least. All are judged as `crar-drake judge` does
 import json
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -371,9 +371,6 @@ def main(argv: Sequence[str] | None = None) -> None:
                     taken.seconds,
                 )
             )
-    with whole_file(out / "filters.json") as temporary:
-        told = {name: [asdict(r) for r in each] for name, each in made.items()}
-        temporary.write_text(json.dumps(told, indent=1))
     benchmark.report(*tables_and_versions(made, versions))
 
 

@@ -347,8 +347,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     first = TUNED_ON if arguments.tune else 0
     cases: dict[str, list[str]] = {}
     for scene, (moves, spheres, speed) in SCENES.items():
-        if moves not in stages:
-            continue
         kind = f"{'moving' if moves else 'fixed'}_{spheres}_{speed:g}"
         cases[scene] = [f"{kind}_{first + i}" for i in range(arguments.seeds)]
         for i, name in enumerate(cases[scene]):
@@ -368,12 +366,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         guard.name: judged(guard, [settings[guard.name]], stages, cases, arguments)[0]
         for guard in track(guards, "filters")
     }
-    with whole_file(out / "scenes.json") as temporary:
-        told = {
-            name: {scene: asdict(harm) for scene, harm in of.items()}
-            for name, of in found.items()
-        }
-        temporary.write_text(json.dumps(told, indent=1))
     tables = [
         Table(
             HEADER,

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.section_iv.plan import REDUNDANCY, Plan, Simulation
+from benchmarks.section_iv.plan import Plan, Simulation
 from benchmarks.sweep.cases import Case, Result, failed, judge
 from crar_drake.errors import CrarError
 from crar_drake.files import write_whole
@@ -43,8 +43,6 @@ class Details:
 
     Attributes:
         violated_share: of the samples, with any violation.
-        most_violations: at one sample: limits plus penetrating pairs, as in Fig. 2.
-        above_redundancy: share of the samples with more than five.
         error_in_violation, error_otherwise: rms task error over the samples that
             violate a constraint, and over the others [m].
         squared_error_in_violation: share of the squared error, over samples, that
@@ -61,8 +59,6 @@ class Details:
     """
 
     violated_share: float
-    most_violations: int
-    above_redundancy: float
     error_in_violation: float  # [m]
     error_otherwise: float  # [m]
     squared_error_in_violation: float
@@ -112,8 +108,6 @@ def analyse(log: SimulationLog, violations: np.ndarray) -> Details:
     spikes = np.argsort(torque)[-max(1, round(_SPIKES * len(torque))) :]
     return Details(
         violated_share=float(violated.mean()),
-        most_violations=int(violations.max()),
-        above_redundancy=float((violations > REDUNDANCY).mean()),
         error_in_violation=_rms(squared[violated]),
         error_otherwise=_rms(squared[~violated]),
         squared_error_in_violation=float(squared[violated].sum() / squared.sum()),

@@ -4,7 +4,7 @@
     python -m benchmarks.adversary --robots jaw --attacks moving,squeeze --periods 0.01
     python -m benchmarks.adversary --replay out/adversary/found/FILE.json
 
-Finished cases stand in `cases.jsonl`, so that a stopped run goes on; a case is run
+Finished cases stand in `adversary.json`, so that a stopped run goes on; a case is run
 again when the source of the controller or of the attacks has changed. The exit code
 is 1 if anything is violated with the exact model, 2 if a case could not be run.
 """
@@ -27,22 +27,20 @@ from benchmarks.adversary.cases import (
     Case,
     Result,
     attacks_on,
-    finite,
     law_digest,
     make_cases,
-    merged,
     read_results,
+    write_results,
 )
-from benchmarks.adversary.report import tables, told, verdict_line
+from benchmarks.adversary.report import tables, told
 from benchmarks.adversary.robots import ASKED_FOR, ROBOTS, load_subject
 from benchmarks.adversary.run import play_and_judge, run_case
 from benchmarks.page import Benchmark, run
 from crar_drake.commands.options import count
 from crar_drake.control.modes import MODES
 from crar_drake.errors import CrarError, nearest
-from crar_drake.files import check_folder, sole_writer, whole_file, write_whole
+from crar_drake.files import check_folder, sole_writer, write_whole
 
-LINES = "cases.jsonl"
 WHOLE = "adversary.json"
 FOUND = "found"
 USUAL = [robot for robot in ROBOTS if robot not in ASKED_FOR]
@@ -55,17 +53,17 @@ def run_all(cases: Sequence[Case], folder: Path, processes: int) -> list[Result]
     Raises:
         CrarError: another process writes there, or the folder cannot be written to.
     """
-    lines = folder / LINES
-    with sole_writer(lines):
-        done = read_results(lines, law_digest())
+    kept = folder / WHOLE
+    with sole_writer(kept):
+        done = read_results(kept, law_digest())
         waiting = [case for case in cases if case not in done]
         if len(waiting) < len(cases):
             print(f"{len(cases) - len(waiting)} cases are there already")
         for result in track(_results(waiting, processes), "cases", len(waiting)):
             done[result.case] = result
-            _append(lines, result)
-        results = merged(cases, done)
-        _write(folder, results)
+            write_results(kept, done.values())
+    results = [done[case] for case in cases]
+    _write_found(folder, results)
     return results
 
 
@@ -89,36 +87,15 @@ def _results(cases: Sequence[Case], processes: int):
             raise
 
 
-def _append(lines: Path, result: Result) -> None:
-    """A line more; one that a crash has torn is ended first."""
-    with open(lines, "ab+") as stream:
-        if stream.tell():
-            stream.seek(-1, os.SEEK_END)
-            if stream.read(1) != b"\n":
-                stream.write(b"\n")
-        stream.write(result.line().encode() + b"\n")
-
-
-def _write(folder: Path, results: Sequence[Result]) -> None:
-    """The whole of it as JSON, and a file per counterexample."""
-    write_whole(
-        folder / WHOLE,
-        json.dumps(
-            {
-                "law": law_digest(),
-                "verdict": verdict_line(results),
-                "results": [finite(asdict(r)) for r in results],
-            },
-            indent=1,
-        ),
-    )
+def _write_found(folder: Path, results: Sequence[Result]) -> None:
+    """A file per counterexample."""
     for r in results:
         if r.worst is not None:
             case = r.case
             name = f"{case.plant}-{case.robot}-{case.attack}-{1e3 * case.period:g}ms"
-            with whole_file(folder / FOUND / f"{name}.json") as temporary:
-                found = {"case": asdict(case), **r.worst, "law": r.law}
-                temporary.write_text(json.dumps(finite(found), indent=1) + "\n")
+            found = {"case": asdict(case), **r.worst, "law": r.law}
+            text = json.dumps(found, indent=1) + "\n"
+            write_whole(folder / FOUND / f"{name}.json", text)
 
 
 def replay(path: Path) -> bool:
@@ -264,7 +241,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("stopped; the same command goes on", file=sys.stderr)
         return 130
     benchmark.report(tables(results), told(results))
-    print(f"in {options.out}: {WHOLE}, {LINES}, {FOUND}/")
+    print(f"in {options.out}: {WHOLE}, {FOUND}/")
     if any(r.unsafe for r in results if r.case.plant != "torque"):
         return 1
     return 2 if any(r.error for r in results) else 0

@@ -42,6 +42,7 @@ from crar_drake import (
     load_robot_description,
     position_tasks,
 )
+from crar_drake.commands.options import count, positive
 from crar_drake.files import whole_file
 
 ATTACKS = (
@@ -200,9 +201,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.peers.attacked", __doc__, "attacked")
     parser = benchmark.parser
     add_peer_options(parser, "out/attacked")
-    parser.add_argument("--seeds", type=int, default=12, help="episodes an attack")
+    parser.add_argument("--seeds", type=count, default=12, help="episodes an attack")
     parser.add_argument("--period", type=float, default=PERIOD, help="of control [s]")
-    parser.add_argument("--fastest", type=float, help="of every joint [rad/s]")
+    parser.add_argument("--fastest", type=positive, help="of every joint [rad/s]")
     add_only(benchmark)
     arguments = benchmark.parse(
         argv,
@@ -211,10 +212,6 @@ def main(argv: Sequence[str] | None = None) -> None:
             + (", some" if given.only else "")
         ),
     )
-    if arguments.fastest is not None and not arguments.fastest > 0.0:
-        parser.error(f"--fastest {arguments.fastest}: must be above 0")
-    if arguments.seeds < 1:
-        parser.error(f"--seeds {arguments.seeds}: must be at least 1")
     if not SAMPLE <= arguments.period <= 0.1:
         parser.error(f"--period {arguments.period}: must be from {SAMPLE} to 0.1 s")
     folder = arguments.out.resolve() / "problem"

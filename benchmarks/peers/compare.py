@@ -36,6 +36,7 @@ from benchmarks.peers.problem import CASES, write_problem
 from benchmarks.peers.report import Row, tables, versions
 from benchmarks.peers.tuning import choose, holds, load_settings, save_settings
 from crar_drake import CrarError
+from crar_drake.commands.options import count
 from crar_drake.files import write_whole
 
 PERIOD = 0.005  # [s] of all controllers
@@ -63,13 +64,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=Path("out/peers"))
     parser.add_argument("--tune", action="store_true", help="try all grids first")
     add_only(benchmark)
-    parser.add_argument("--rounds", type=int, default=3, help="runs for the step times")
+    parser.add_argument("--rounds", type=count, default=3, help="runs, for times")
     arguments = benchmark.parse(
         argv, lambda given: "compare, some" if given.only else "compare"
     )
     chosen = only((*PEERS, OURS), arguments, benchmark)
-    if arguments.rounds < 1:
-        parser.error(f"--rounds {arguments.rounds}: must be at least 1")
     out = arguments.out.resolve()
     folder = out / "problem"
     write_problem(folder)

@@ -33,6 +33,7 @@ from benchmarks.peers.judge import Figures, Judge
 from benchmarks.peers.peers import NO_PREVIEW, OURS, PEERS
 from benchmarks.peers.problem import ROBOT, ROBOTS, write_crossings, write_problem
 from benchmarks.peers.tuning import load_settings
+from crar_drake.commands.options import count
 
 TUNED_FOR = "crossing"
 HIGHER_GAINS = {"Gv": 60.0, "K": 60.0, "Kp": 900.0} | NO_PREVIEW
@@ -72,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--robot", choices=tuple(ROBOTS), default=ROBOT, help="whose motions"
     )
-    parser.add_argument("--seeds", type=int, default=12, help="how many motions")
+    parser.add_argument("--seeds", type=count, default=12, help="how many motions")
     parser.add_argument("--first", type=int, default=0, help="the first one's seed")
     arguments = benchmark.parse(
         argv,
@@ -82,8 +83,6 @@ def main(argv: Sequence[str] | None = None) -> None:
             + (", some" if given.only else "")
         ),
     )
-    if arguments.seeds < 1:
-        parser.error(f"--seeds {arguments.seeds}: must be at least 1")
     if arguments.first < 0:
         parser.error(f"--first {arguments.first}: must not be negative")
     folder = arguments.out.resolve() / "problem"

@@ -37,6 +37,7 @@ from benchmarks.peers.compare import (
 from benchmarks.peers.peers import ENVIRONMENTS, MARGIN, Peer, every
 from benchmarks.peers.problem import describe, write_problem
 from crar_drake import load_robot_description
+from crar_drake.commands.options import count
 from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
 from crar_drake.files import whole_file, write_whole
 from crar_drake.judging.obstacle_judge import ObstacleJudge
@@ -333,12 +334,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.peers.scenes", __doc__, "scenes")
     parser = benchmark.parser
     add_peer_options(parser, "out/scenes")
-    parser.add_argument("--seeds", type=int, default=4, help="of each kind of scene")
+    parser.add_argument("--seeds", type=count, default=4, help="of each kind of scene")
     parser.add_argument("--tune", action="store_true", help="choose settings anew")
     parser.add_argument("--only", default="", help="filters whose names contain this")
     arguments = benchmark.parse(argv, lambda given: given.only or "scenes")
-    if arguments.seeds < 1:
-        parser.error(f"--seeds {arguments.seeds}: must be at least 1")
     guards = [guard for guard in GUARDS if arguments.only in guard.name]
     out = arguments.out.resolve()
     stages = {

@@ -8,7 +8,7 @@ import dataclasses
 import json
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Executor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -237,41 +237,27 @@ def _rms(squares: np.ndarray) -> float:
 
 
 def _to_json(outcome: Outcome) -> str:
-    details = asdict(outcome.details) if outcome.details else None
     record = {
         "version": __version__,
         "scenario": outcome.simulation.scenario,
-        "result": _without_nan(asdict(outcome.result)),
-        "details": details and _without_nan(details),
+        "result": asdict(outcome.result),
+        "details": asdict(outcome.details) if outcome.details else None,
     }
-    return json.dumps(record, indent=2, allow_nan=False) + "\n"
+    return json.dumps(record, indent=2) + "\n"
 
 
 def _from_json(text: str, simulation: Simulation) -> Outcome | None:
     """None if it is of another scenario or version."""
     record = json.loads(text)
-    if record["version"] != __version__:
-        return None
-    if record["scenario"] != simulation.scenario:
+    known = record["version"], record["scenario"]
+    if known != (__version__, simulation.scenario):
         return None
     details = record["details"]
     return Outcome(
         simulation,
-        Result(**_with_nan(record["result"])),
-        Details(**_with_nan(details)) if details else None,
+        Result(**record["result"]),
+        Details(**details) if details else None,
     )
-
-
-def _without_nan(values: Mapping) -> dict:
-    """NaN and infinity become null."""
-    return {
-        name: None if isinstance(v, float) and not math.isfinite(v) else v
-        for name, v in values.items()
-    }
-
-
-def _with_nan(values: Mapping) -> dict:
-    return {name: math.nan if v is None else v for name, v in values.items()}
 
 
 assert {f.name for f in dataclasses.fields(Details)}.isdisjoint(

@@ -240,20 +240,16 @@ def certificate_lines(verdict: CertificateVerdict) -> list[str]:
     lines.append(f"certificate: {claim}: NOT TRUE")
     if verdict.not_clear:
         lines.append(
-            f"  {_paths(verdict.not_clear)} said to be clear, but not: "
-            + _near(verdict.not_clear_worst, "worst ")
+            f"  {_counted(verdict.not_clear, 'braking path')} said to be clear, but "
+            "not: " + _near(verdict.not_clear_worst, "worst ")
         )
     if verdict.undercut:
         lines.append(
-            f"  {_paths(verdict.undercut)} nearer than said: "
+            f"  {_counted(verdict.undercut, 'braking path')} nearer than said: "
             + _near(verdict.undercut_worst, "worst ")
             + f", where at least {1e3 * verdict.undercut_claim:.3f} mm were claimed"
         )
     return lines
-
-
-def _paths(number: int) -> str:
-    return f"{number} braking path{'s' if number > 1 else ''}"
 
 
 def _near(place: Place, before: str, nothing: str = "") -> str:

@@ -1,6 +1,7 @@
 """A scenario's simulation that goes on step by step, and changes in between."""
 
 from collections import deque
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, replace
 
@@ -118,10 +119,13 @@ class LiveSimulation:
             parameters = replace(parameters, governor=governor)
         # The lookahead has an input port more, which cannot be added later.
         first = parameters
-        if can_look_ahead(parameters):
-            first = replace(parameters, constraints="lookahead")
+        ahead = replace(parameters, constraints="lookahead")
+        if accepted(lambda: validate(ahead)):
+            first = ahead
         balls = []
-        if first.constraints == "lookahead" and keeps_off_obstacles(self.model, first):
+        if first.constraints == "lookahead" and accepted(
+            lambda: LawAmong(self.model, first)
+        ):
             balls.append(make_ball(setup))
         self.scenario = replace(
             scenario,
@@ -451,19 +455,10 @@ class LiveSimulation:
         port.FixValue(self._plant_context, forces)
 
 
-def can_look_ahead(parameters: CrarParameters) -> bool:
-    """Whether the gains go with the lookahead."""
+def accepted(check: Callable[[], object]) -> bool:
+    """Whether it raises no ScenarioError."""
     try:
-        validate(replace(parameters, constraints="lookahead"))
-    except ScenarioError:
-        return False
-    return True
-
-
-def keeps_off_obstacles(model: ControlModel, parameters: CrarParameters) -> bool:
-    """Whether robot and gains go with obstacles that move."""
-    try:
-        LawAmong(model, parameters)
+        check()
     except ScenarioError:
         return False
     return True

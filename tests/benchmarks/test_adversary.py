@@ -16,7 +16,14 @@ from scipy.spatial import ConvexHull
 from benchmarks.adversary import __main__ as command
 from benchmarks.adversary import drive
 from benchmarks.adversary.attacks import ATTACKS, GAINS, make_episode
-from benchmarks.adversary.cases import Case, Result, law_digest, make_cases
+from benchmarks.adversary.cases import (
+    Case,
+    Result,
+    law_digest,
+    make_cases,
+    read_results,
+    write_results,
+)
 from benchmarks.adversary.drive import drive_exact, drive_torque
 from benchmarks.adversary.judge import (
     box_distances,
@@ -664,12 +671,10 @@ def test_command_writes_resumes_and_replays(tmp_path, monkeypatch, capsys):
     assert "| several |" in capsys.readouterr().out
     whole = json.loads((tmp_path / "adversary.json").read_text())
     assert [r["case"]["period"] for r in whole["results"]] == [0.02, 0.01]
-    lines = tmp_path / "cases.jsonl"
-    assert len(lines.read_text().splitlines()) == 2
 
-    # The second case is lost, torn in the middle of its line: it alone is run again.
-    kept, torn = lines.read_text().splitlines()
-    lines.write_text(kept + "\n" + torn[:50])
+    # The second case is lost: it alone is run again.
+    kept = tmp_path / "adversary.json"
+    kept.write_text(json.dumps({"results": whole["results"][:1]}))
     ran = []
 
     def counted(case):
@@ -713,7 +718,7 @@ def test_a_stopped_command_ends_at_once(tmp_path):
         # A background job may ignore SIGINT, and so would its child.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
-    while not (tmp_path / ".cases.jsonl.lock").exists():
+    while not (tmp_path / ".adversary.json.lock").exists():
         assert process.poll() is None
         time.sleep(0.1)
     time.sleep(5.0)  # the processes are there and at work, or about to be
@@ -838,12 +843,14 @@ def test_tables_are_written_into_a_page(tmp_path, monkeypatch):
     assert page.read_text() == "without marks\n"
 
 
-def test_results_survive_their_line():
-    case = Case("jaw", "sine", 0.01)
+def test_results_are_kept(tmp_path):
+    case, path = Case("jaw", "sine", 0.01), tmp_path / "kept.json"
     result = Result(case, law="x", clearance=0.003, worst={"lineage": [1, 2]})
-    back = Result.parse(result.line())
-    assert back == result  # infinite path_clearance, too
-    assert Result.parse('{"case": {}}') is None and Result.parse("{") is None
+    write_results(path, [result, Result(Case("jaw", "wild", 0.01), "x", error="no")])
+    assert read_results(path, "x") == {case: result}  # infinite path_clearance, too
+    assert read_results(path, "another") == {}
+    path.write_text('{"results": [{}]}')
+    assert read_results(path, "x") == {}
 
 
 # --- the filter of joint commands ---------------------------------------------------

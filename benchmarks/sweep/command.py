@@ -4,9 +4,12 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
+from rich import progress
+from rich.console import Console
+from rich.table import Column
+
 from benchmarks.sweep.cases import Result
 from benchmarks.sweep.report import headline
-from crar_drake.commands.folders import progress_bar
 from crar_drake.commands.options import Parser, positive
 from crar_drake.errors import nearest
 
@@ -44,8 +47,27 @@ def sweep_bar(
     finished: int, total: int
 ) -> Iterator[Callable[[int, int, Result], None]]:
     """Yields a callback that draws how far the sweep is, on stderr."""
-    with progress_bar() as bar:
-        task = bar.add_task("", total=total, completed=finished)
-        yield lambda done, total, newest: bar.update(
-            task, completed=done, description=headline(newest)
-        )
+    columns = (
+        progress.BarColumn(bar_width=20),
+        progress.MofNCompleteColumn(),
+        progress.TextColumn("ETA"),
+        progress.TimeRemainingColumn(table_column=Column(min_width=7)),
+        progress.TextColumn(
+            "{task.fields[newest]}",
+            markup=False,
+            table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
+        ),
+    )
+    # A case takes up to minutes, so that a short average would know no speed.
+    with progress.Progress(
+        *columns,
+        console=Console(stderr=True),
+        speed_estimate_period=3600.0,
+        expand=True,
+    ) as bar:
+        task = bar.add_task("", total=total, completed=finished, newest="")
+
+        def show(done: int, total: int, newest: Result) -> None:
+            bar.update(task, completed=done, newest=headline(newest))
+
+        yield show

@@ -62,8 +62,6 @@ def progress_bar():
         console=console,
         transient=True,
         disable=not console.is_terminal,
-        # A file takes up to minutes, so that a short average would know no speed.
-        speed_estimate_period=3600.0,
     )
 
 

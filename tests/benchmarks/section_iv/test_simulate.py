@@ -154,7 +154,7 @@ def test_a_simulation_that_fails_says_why_and_is_tried_again(plan, tmp_path):
     assert "gone.amc: there is no such" in outcome.result.error
     assert outcome.details is None
     record = json.loads((tmp_path / "results" / f"{simulation.name}.json").read_text())
-    assert record["result"]["rms_task_error"] is None
+    assert math.isnan(record["result"]["rms_task_error"])
     assert finished(replace(plan, simulations=(simulation,)), tmp_path) == {}
 
 

@@ -248,7 +248,8 @@ class Referee:
 
         largest_excess, joint, joint_index = 0.0, None, None
         if np.any(excess > 0.0):
-            joint_index, column = _place(excess, int(np.argmax(excess)))
+            place = np.unravel_index(np.argmax(excess), excess.shape)
+            joint_index, column = map(int, place)
             largest_excess = excess[joint_index, column]
             joint = self.joint_names[column]
 
@@ -304,7 +305,7 @@ class Referee:
         beyond = (excess > SPEED_TOLERANCE).any(axis=1)
         found = dict(num_beyond_speed=int(beyond.sum()))
         if np.any(excess > 0.0):
-            index, column = _place(excess, int(np.argmax(excess)))
+            index, column = map(int, np.unravel_index(np.argmax(excess), excess.shape))
             found["largest_speed_excess"] = float(excess[index, column])
             found["largest_speed_excess_joint"] = self.velocity_names[column]
             found["largest_speed_excess_index"] = index
@@ -430,9 +431,3 @@ def _corners(shape: Box | Convex | Mesh) -> np.ndarray:
         return shape.size() * (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5)
     hull = shape.GetConvexHull()
     return np.array([hull.vertex(i) for i in range(hull.num_vertices())])
-
-
-def _place(table: np.ndarray, flat_index: int) -> tuple[int, int]:
-    """(row, column) of a flat index."""
-    row, column = np.unravel_index(flat_index, table.shape)
-    return int(row), int(column)

@@ -4,7 +4,6 @@ import os
 
 import numpy as np
 
-from crar_drake.errors import MotionError
 from crar_drake.files import whole_file, write_whole
 from crar_drake.motion.formats.asf_amc import ROOT_ORDER, Clip, Skeleton
 
@@ -27,11 +26,6 @@ def write_asf(path: str | os.PathLike[str], skeleton: Skeleton) -> None:
     ]
     children: dict[str, list[str]] = {}
     for number, bone in enumerate(skeleton.bones.values(), start=1):
-        if bone.parent != "root" and bone.parent not in skeleton.bones:
-            raise MotionError(
-                f"skeleton {skeleton.name}: bone {bone.name} hangs on the unknown "
-                f"bone {bone.parent}"
-            )
         children.setdefault(bone.parent, []).append(bone.name)
         lines += [
             "  begin",
@@ -60,12 +54,7 @@ def write_amc(path: str | os.PathLike[str], clip: Clip) -> None:
 
     Values keep 12 significant digits and no trailing zeros, so that a motion whose
     angles were rounded in degrees (and its root in file units) stays small.
-
-    Raises:
-        MotionError: the clip does not fit its skeleton, has fewer than two frames,
-            or holds a value that is not finite.
     """
-    _check_writable(clip)
     blocks = [
         (
             "root",
@@ -87,32 +76,6 @@ def write_amc(path: str | os.PathLike[str], clip: Clip) -> None:
             file.write(f"{frame + 1}\n")
             for name, values in blocks:
                 file.write(f"{name} {_texts(values[frame])}\n")
-
-
-def _check_writable(clip: Clip) -> None:
-    if clip.num_frames < 2:
-        raise MotionError(f"motion {clip.name}: at least 2 frames are needed")
-    shapes = {
-        bone.name: (clip.num_frames, len(bone.dof))
-        for bone in clip.skeleton.bones.values()
-        if bone.dof
-    }
-    arrays = dict(clip.joints)
-    if set(arrays) != set(shapes):
-        odd = ", ".join(sorted(set(arrays) ^ set(shapes)))
-        raise MotionError(f"motion {clip.name} does not fit its skeleton in: {odd}")
-    shapes |= {"root position": (clip.num_frames, 3)}
-    shapes |= {"root rotation": (clip.num_frames, 3)}
-    arrays |= {"root position": clip.root_position}
-    arrays |= {"root rotation": clip.root_rotation}
-    for name, values in arrays.items():
-        if np.shape(values) != shapes[name]:
-            raise MotionError(
-                f"motion {clip.name}: {name} has shape {np.shape(values)}, "
-                f"not {shapes[name]}"
-            )
-        if not np.all(np.isfinite(values)):
-            raise MotionError(f"motion {clip.name}: {name} is not finite")
 
 
 def _text(value: float) -> str:

@@ -4,6 +4,7 @@ python -m benchmarks.cleaning g1_whole_body dance.csv walk.csv ...
     [--page docs/measurements/cleaning.md]
 """
 
+import math
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,8 +12,6 @@ from pathlib import Path
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.references.clean_file import CleanedClip, clean_file
 from crar_drake.robot.description import whole_body_name
-
-_DEGREE = 57.29577951308232
 
 
 def cells(clip: CleanedClip) -> dict[str, str]:
@@ -35,17 +34,21 @@ def cells(clip: CleanedClip) -> dict[str, str]:
         "frames beyond a speed limit": f"{clip.too_fast_before} → {clip.too_fast}",
         "frames changed (by 1e-6 rad)": str(clip.changed),
         "frames that stand still": str(clip.frozen),
-        "joints, rms / worst": (
-            f"{_DEGREE * clip.joints_rms:.2f}° / {_DEGREE * clip.joints_worst:.1f}°"
-        ),
-        "feet, rms / worst": _lengths(clip.feet_rms, clip.feet_worst),
-        "hands, rms / worst": _lengths(clip.hands_rms, clip.hands_worst),
+        "joints, rms / worst": degrees(clip.joints_rms, clip.joints_worst),
+        "feet, rms / worst": lengths(clip.feet_rms, clip.feet_worst),
+        "hands, rms / worst": lengths(clip.hands_rms, clip.hands_worst),
         "jerk of the joints, after / before": f"{jerk:.3f}",
         "times real time, one core": f"{clip.times_real_time:.1f}",
     }
 
 
-def _lengths(rms: float, worst: float) -> str:
+def degrees(rms: float, worst: float) -> str:
+    """Of angles [rad], as text."""
+    return f"{math.degrees(rms):.2f}° / {math.degrees(worst):.1f}°"
+
+
+def lengths(rms: float, worst: float) -> str:
+    """Of lengths [m], as text."""
     return f"{1e3 * rms:.1f} / {1e3 * worst:.1f} mm"
 
 

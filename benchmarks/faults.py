@@ -8,7 +8,7 @@ The latter is of the filter of joint commands, and a robot that follows them wit
 error: `benchmarks.filter_faults`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -346,25 +346,23 @@ def run_all(
     motions: Sequence[str],
     experiments: Sequence[str] = EXPERIMENTS,
     period: float = PERIOD,
-    progress: Callable[[Outcome], None] | None = None,
     preview: float | None = None,
 ) -> list[Outcome]:
-    """Every fault on every motion and experiment.
+    """Every fault on every motion and experiment; prints each run.
 
     Args:
         motions: names of motions.
         experiments: task sets.
         period: of the controller, where a fault has none of its own [s].
-        progress: told of each run.
         preview: of the lookahead [s]; None for its own, 0 for none.
     """
     outcomes: list[Outcome] = []
 
     def add(more: list[Outcome]) -> None:
         outcomes.extend(more)
-        for outcome in more:
-            if progress is not None:
-                progress(outcome)
+        for o in more:
+            what = f"{o.fault}, {o.remedy}" if o.remedy else o.fault
+            print(f"{o.where}: {what}: {o.violated} violations", flush=True)
 
     for motion in motions:
         for experiment in experiments:
@@ -450,16 +448,7 @@ def tracking_tables(motions: Sequence[str], errors: Sequence[float]) -> list[Tab
     ahead = LookaheadParameters()
     floor = ahead.distance_margin - ahead.admission_slack
     return [
-        filter_table(
-            run_filter_faults(
-                error,
-                runs,
-                moments,
-                lambda o: print(f"{o.where}: {o.fault}: {o.error:.2f} E", flush=True),
-            ),
-            error,
-            floor,
-        )
+        filter_table(run_filter_faults(error, runs, moments), error, floor)
         for error in errors
     ]
 
@@ -490,11 +479,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     outcomes = run_all(
         arguments.motion or ("dance", "boxing"),
         period=arguments.period,
-        progress=lambda o: print(
-            f"{o.where}: {o.fault}{', ' if o.remedy else ''}{o.remedy}: "
-            f"{o.violated} violations",
-            flush=True,
-        ),
         preview=arguments.preview,
     )
     tables = make_tables(outcomes)

@@ -7,7 +7,7 @@ compares the measured state with the command before, and brakes beyond E.
 """
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -324,21 +324,20 @@ def run_filter_faults(
     error: float,
     runs: dict[str, RunResult],
     moments: dict[str, tuple[float, str, np.ndarray]],
-    progress: Callable[[FilterOutcome], None] = lambda _: None,
 ) -> list[FilterOutcome]:
-    """Every fault on the motions of some runs.
+    """Every fault on the motions of some runs; prints each.
 
     Args:
         error: E [rad].
         runs: by the motion's name, without constraints.
         moments: of each, when a hand is nearest, which, and where it is pushed to.
-        progress: told of each outcome.
     """
     filter, outcomes = make_filter(error), []
     for where, run in runs.items():
         wanted = wanted_of(run, filter)
         time, hand, towards = moments[where]
         for fault in filter_faults(time + LEAD_IN, hand, towards):
-            outcomes.append(run_filter_fault(filter, error, wanted, fault, where))
-            progress(outcomes[-1])
+            outcome = run_filter_fault(filter, error, wanted, fault, where)
+            print(f"{where}: {fault.name}: {outcome.error:.2f} E", flush=True)
+            outcomes.append(outcome)
     return outcomes

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.cleaning import degrees, lengths
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.references.clean_file import CleanedClip, clean_file
 from crar_drake.references.ground_support import Ground, given_share
@@ -17,7 +18,6 @@ from crar_drake.references.retarget_file import retarget_file
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description, whole_body_name
 
-_DEGREE = 57.29577951308232
 _FINER = 4
 HEADER = [
     "motion",
@@ -53,10 +53,10 @@ def row(motion: str, clip: CleanedClip, between: Sequence[float]) -> list[str]:
         f"{100 * between[0]:.0f} → {100 * between[1]:.0f} %",
         f"{_outside(clip.outside_before)} → {_outside(clip.outside)} mm",
         f"{clip.lifts}, {clip.lifts_before} → {clip.lifts_outside}",
-        f"{_DEGREE * clip.joints_rms:.2f}° / {_DEGREE * clip.joints_worst:.1f}°",
-        _lengths(clip.root_rms, clip.root_worst),
-        _lengths(clip.feet_rms, clip.feet_worst),
-        _lengths(clip.hands_rms, clip.hands_worst),
+        degrees(clip.joints_rms, clip.joints_worst),
+        lengths(clip.root_rms, clip.root_worst),
+        lengths(clip.feet_rms, clip.feet_worst),
+        lengths(clip.hands_rms, clip.hands_worst),
         f"{clip.jerk / clip.jerk_before:.3f}" if clip.jerk_before else "–",
         "yes" if clip.violated else "no",
         f"{clip.times_real_time:.1f}",
@@ -73,10 +73,6 @@ def share_between(path: Path, robot: WholeBody, ground: Ground) -> float:
 def _outside(length: float) -> str:
     """Inside is 0, and where the ground had to pull, infinite."""
     return f"{1e3 * max(length, 0.0):.0f}".replace("inf", "∞")
-
-
-def _lengths(rms: float, worst: float) -> str:
-    return f"{1e3 * rms:.1f} / {1e3 * worst:.1f} mm"
 
 
 def main(argv: Sequence[str] | None = None) -> None:

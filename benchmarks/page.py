@@ -17,6 +17,7 @@ renders pages (by default all of docs/measurements) from the results that are th
 import argparse
 import json
 import os
+import platform
 import re
 import shlex
 import subprocess
@@ -24,10 +25,11 @@ import sys
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from pathlib import Path
 
-from benchmarks.machine import describe_machine
-from benchmarks.tables import markdown_table
+import numpy as np
+
 from crar_drake import __version__
 from crar_drake.errors import CrarError
 from crar_drake.files import write_whole
@@ -56,7 +58,8 @@ class Table:
 
     def markdown(self) -> str:
         heading = f"### {self.title}\n\n" if self.title else ""
-        return heading + markdown_table(self.columns, self.rows)
+        lines = [self.columns, ["---"] * len(self.columns), *self.rows]
+        return heading + "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
 @dataclass(frozen=True)
@@ -133,14 +136,22 @@ class Benchmark:
             check_part(self._path, self._part)  # before minutes of measuring
         return arguments
 
-    def report(self, tables: Sequence[Table], found: str = "") -> None:
+    def report(
+        self, tables: Sequence[Table], found: str = "", versions: str = ""
+    ) -> None:
         """Prints what was measured; with --page it becomes a part of the page.
+
+        Args:
+            tables: the figures.
+            found: as `Part` has it.
+            versions: of what else the figures are of.
 
         Raises:
             CrarError: as `write_part`.
         """
         command = command_line(self._module, self._given, self._page)
-        result = Part(command, machine_line(), version_line(), tables, found)
+        machine = machine_line() + (f"; {versions}" if versions else "")
+        result = Part(command, machine, version_line(), tables, found)
         print(*(t.markdown() for t in tables), found and f"{found}\n", sep="\n")
         if self._path is not None:
             write_part(self._path, self._part, result)
@@ -170,13 +181,32 @@ def command_line(module: str, given: Sequence[str], page: str) -> str:
     return " ".join([f"python -m {module}", *words, f"--page {_shown_page(page)}"])
 
 
-def machine_line(machine: dict | None = None) -> str:
-    """What measured durations depend on.
+def describe_machine() -> dict:
+    """What measured durations depend on: the processor, the versions."""
+    return {
+        "cpu": _cpu_model(),
+        "cores": os.cpu_count(),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        "threads": os.environ.get("OMP_NUM_THREADS", "not set"),
+        "system": platform.system(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "drake": version("drake"),
+    }
 
-    Args:
-        machine: as `describe_machine` says; by default this one, now.
-    """
-    m = machine or describe_machine()
+
+def _cpu_model() -> str:
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.is_file():
+        for line in cpuinfo.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def machine_line() -> str:
+    """`describe_machine` in a line."""
+    m = describe_machine()
     load = "" if m["load"] is None else f", load average {m['load']:.1f}"
     return (
         f"{m['cpu']}, {m['cores']} cores{load}, {m['system']}; threads of BLAS "

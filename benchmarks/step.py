@@ -21,23 +21,21 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
-from rich.console import Console
 
-from benchmarks.machine import describe_machine
+from benchmarks.page import Benchmark, describe_machine
+from benchmarks.page import run as run_command
 from benchmarks.plain import as_it_is, plain
 from benchmarks.preview_option import add_preview_option, defaults_or_preview
 from benchmarks.step_compiling import measure_compiling
+from benchmarks.step_report import draw_bench, tables
 from benchmarks.step_robots import PERIOD, make_robot, make_samples
 from benchmarks.step_subjects import (
     OVERHEAD,
     PARTS,
     Bound,
-    ModelAlone,
     Samples,
-    SceneGraphDistances,
     Step,
     StepInParts,
-    distances_as_they_are,
     samples_of_run,
     samples_with_poses,
 )
@@ -49,12 +47,13 @@ from benchmarks.step_timing import (
     median,
     time_side_by_side,
 )
+from benchmarks.sweep.command import list_of, one_of
 from crar_drake import __version__
 from crar_drake.commands.options import positive
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.compilation import IS_COMPILED, arithmetic
-from crar_drake.errors import CrarError, nearest
-from crar_drake.files import check_file, check_folder
+from crar_drake.figures import save_figure
+from crar_drake.files import check_folder, write_whole
 from crar_drake.results import RECORDING
 from crar_drake.results.playback import record_log
 from crar_drake.robot.model import ControlModel
@@ -88,9 +87,6 @@ PAIRS_EXPONENT = 1.0
 FAR_PAIRS_GROWTH = 1.25  # the step with 190 far pairs over that without
 FIRST_COMPILE = 45.0  # [s] of one core: the one that depends on the machine
 
-# Is told in a few words what is being measured.
-Progress = Callable[[str], None]
-
 
 @dataclass(frozen=True)
 class BenchSettings:
@@ -119,7 +115,7 @@ class BenchSettings:
 
 
 def run_bench(
-    settings: BenchSettings | None = None, progress: Progress | None = None
+    settings: BenchSettings, tell: Callable[[str], None] = lambda text: None
 ) -> dict:
     """Measures, and returns what `bench.json` holds; durations are in seconds.
 
@@ -134,8 +130,6 @@ def run_bench(
     Raises:
         CrarError: the motion cannot be found, read or scaled.
     """
-    settings = settings or BenchSettings()
-    tell = progress or (lambda text: None)
     result = {
         "version": __version__,
         "machine": describe_machine(),
@@ -168,13 +162,6 @@ def run_bench(
     return result
 
 
-def write_json(result: dict, path: str | os.PathLike[str]) -> None:
-    """Writes the result of `run_bench`, whole or not at all."""
-    from crar_drake.files import write_whole
-
-    write_whole(path, json.dumps(result, indent=2) + "\n")
-
-
 # --- one control step -------------------------------------------------------------
 
 
@@ -191,14 +178,10 @@ def measure_step(settings: BenchSettings, case: str) -> list[dict]:
         subjects |= {
             ("step", mode): steps[mode],
             ("bound", mode): bounds[mode],
-            ("model", mode): ModelAlone(*run),
-            ("scene graph", mode): SceneGraphDistances(*run),
             ("parts", mode): in_parts[mode],
         }
         if IS_COMPILED:
             subjects["plain step", mode] = _plain_step(*run)
-            compiled = Bound(*run, distances=distances_as_they_are)
-            subjects["bound, distances compiled", mode] = compiled
         _warm_up(subjects, mode)
     in_a_row = time_side_by_side(subjects, num_steps, IN_A_ROW)
     compared = {key: s for key, s in subjects.items() if key[0] in _COMPARED}
@@ -223,23 +206,22 @@ def measure_step(settings: BenchSettings, case: str) -> list[dict]:
                 "in_a_row": whole,
                 "by_turns": _figures(by_turns, mode),
                 "parts": parts,
-                "model_alone": in_a_row["model", mode].figures(),
-                "scene_graph_distances": in_a_row["scene graph", mode].figures(),
             }
         )
     return entries
 
 
-# What is timed by turns, too; those of the bound and the compiled step as needed.
-_COMPARED = ("step", "plain step", "bound", "bound, distances compiled")
+# What is timed by turns, too.
+_COMPARED = ("step", "plain step", "bound")
 
 
 def _figures(timings: dict[tuple[str, str], Timing], mode: str) -> dict:
-    """Figures of each subject of _COMPARED, None without Numba, and their ratios."""
-    found: dict = {name: None for name in _COMPARED}
-    for name in _COMPARED:
-        if (name, mode) in timings:
-            found[name] = timings[name, mode].figures()
+    """Figures of each subject of _COMPARED, the plain step's None without Numba, and
+    the ratios of the step's to the bound's."""
+    found: dict = {
+        name: timings[name, mode].figures() if (name, mode) in timings else None
+        for name in _COMPARED
+    }
     step, bound = found["step"], found["bound"]
     found["ratio"] = step["median"] / bound["median"]
     found["cpu_ratio"] = step["cpu_median"] / bound["cpu_median"]
@@ -402,16 +384,7 @@ def measure_scaling(
             {
                 "quantity": quantity,
                 "constraints": mode,
-                "robots": [
-                    dict(
-                        zip(
-                            ("joints", "tasks", "near_pairs", "far_pairs"),
-                            robot,
-                            strict=True,
-                        )
-                    )
-                    for robot in robots
-                ],
+                "robots": list(robots),
                 "sizes": sizes,
                 "median": medians,
                 "p99": [f["p99"] for f in figures],
@@ -467,61 +440,38 @@ def find_targets(result: dict) -> list[dict]:
                 }
             )
 
-    steps = result["step"]
+    steps, scaling = result["step"], result["scaling"]
     for mode, limit in STEP_OVER_BOUND.items():
-        of_mode = [e for e in steps if e["constraints"] == mode]
         for order, words in (("in_a_row", "in a row"), ("by_turns", "by turns")):
-            add(
-                f"{mode}: step over bound, {words}, processor time",
-                [e[order]["cpu_ratio"] for e in of_mode],
-                limit,
-            )
+            ratios = [e[order]["cpu_ratio"] for e in steps if e["constraints"] == mode]
+            add(f"{mode}: step over bound, {words}, processor time", ratios, limit)
     for clock, words in (("", "wall clock"), ("cpu_", "processor time")):
-        add(
-            f"step: 99th percentile over median, {words}",
-            [
-                e["in_a_row"]["step"][f"{clock}p99"]
-                / e["in_a_row"]["step"][f"{clock}median"]
-                for e in steps
-            ],
-            P99_OVER_MEDIAN,
-        )
+        each = [e["in_a_row"]["step"] for e in steps]
+        ratios = [step[f"{clock}p99"] / step[f"{clock}median"] for step in each]
+        add(f"step: 99th percentile over median, {words}", ratios, P99_OVER_MEDIAN)
+    recorded = [e for e in result["simulation"] if e["recording"] and not e["plain"]]
     for factor, words in (
         ("real_time_factor", "wall clock"),
         ("cpu_factor", "processor time"),
     ):
-        add(
-            f"simulation: real-time factor with recording, {words}",
-            [
-                e[factor]
-                for e in result["simulation"]
-                if e["recording"] and not e["plain"]
-            ],
-            REAL_TIME_FACTOR,
-            at_least=True,
-        )
-    if result.get("compiling"):
+        text = f"simulation: real-time factor with recording, {words}"
+        add(text, [e[factor] for e in recorded], REAL_TIME_FACTOR, at_least=True)
+    if result["compiling"]:
         first = result["compiling"]["first"]["cpu"]
         add("first compile, processor time [s]", [first], FIRST_COMPILE)
-    scaling = result["scaling"]
-    add(
-        "growth with the pairs: largest exponent",
-        [
-            max(e["exponent"], e["last_exponent"])
-            for e in scaling
-            if e["quantity"] == "pairs"
-        ],
-        PAIRS_EXPONENT,
-    )
-    add(
-        "lookahead: growth by 190 pairs beyond the influence distance",
-        [
-            e["last_over_first"]
-            for e in scaling
-            if e["quantity"] == "far pairs" and e["constraints"] == "lookahead"
-        ],
-        FAR_PAIRS_GROWTH,
-    )
+    exponents = [
+        max(e["exponent"], e["last_exponent"])
+        for e in scaling
+        if e["quantity"] == "pairs"
+    ]
+    add("growth with the pairs: largest exponent", exponents, PAIRS_EXPONENT)
+    growths = [
+        e["last_over_first"]
+        for e in scaling
+        if e["quantity"] == "far pairs" and e["constraints"] == "lookahead"
+    ]
+    text = "lookahead: growth by 190 pairs beyond the influence distance"
+    add(text, growths, FAR_PAIRS_GROWTH)
     return found
 
 
@@ -548,65 +498,16 @@ def _scenario(
 # --- the command ------------------------------------------------------------------
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measures, prints and writes; 0, or 2 with a message if something is wrong."""
-    from benchmarks.page import check_part, command_line, machine_line, write_part
-    from benchmarks.step_report import (
-        page_part,
-        plot_bench,
-        rich_tables,
-        what_was_timed,
-    )
-
-    arguments = _parse(argv)
-    measured = defaults_or_preview(arguments)
-    part = "step" if measured == "defaults" else f"step {measured}"
-    try:
-        if arguments.page is not None:
-            check_part(arguments.page, part)  # before minutes of measuring
-            check_file(arguments.page)
-        check_folder(arguments.out)
-        settings = BenchSettings(
-            motion=arguments.motion,
-            duration=arguments.duration or (1.0 if arguments.quick else 3.0),
-            measurements=tuple(dict.fromkeys(arguments.only or MEASUREMENTS)),
-            preview=arguments.preview,
-        )
-        if arguments.quick:
-            settings = replace(settings, repeats=1, scaling_steps=20)
-        result = run_bench(
-            settings, lambda text: print(f"measuring: {text}", file=sys.stderr)
-        )
-        console = Console()
-        for table in rich_tables(result):
-            console.print(table)
-        print(machine_line(result["machine"]))
-        print(what_was_timed(result))
-        data, plot = arguments.out / "bench.json", arguments.out / "bench.png"
-        write_json(result, data)
-        plot_bench(result, plot)
-        print(data)
-        print(plot)
-        if arguments.page is not None:
-            given = sys.argv[1:] if argv is None else argv
-            command = command_line("benchmarks.step", given, "speed")
-            write_part(arguments.page, part, page_part(result, command))
-            print(arguments.page)
-    except CrarError as error:
-        print(f"step: error: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main(argv: Sequence[str] | None = None) -> None:
+    benchmark = Benchmark("benchmarks.step", __doc__, "speed")
+    parser = benchmark.parser
     parser.add_argument("--motion", default="dance", help="(default: %(default)s)")
     parser.add_argument(
         "--duration", type=positive, metavar="S", help="of it [s] (default: 3)"
     )
     parser.add_argument(
         "--only",
-        type=_measurements,
+        type=list_of(one_of(MEASUREMENTS)),
         action="extend",
         metavar="M[,M...]",
         help=f"what to measure, of {', '.join(MEASUREMENTS)} (default: all)",
@@ -620,20 +521,33 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         metavar="DIR",
         help="for bench.json and bench.png (default: %(default)s)",
     )
-    parser.add_argument(
-        "--page", type=Path, metavar="FILE", help="a page whose tables to renew"
+    arguments = benchmark.parse(argv, _part)
+    check_folder(arguments.out)
+    settings = BenchSettings(
+        motion=arguments.motion,
+        duration=arguments.duration or (1.0 if arguments.quick else 3.0),
+        measurements=tuple(dict.fromkeys(arguments.only or MEASUREMENTS)),
+        preview=arguments.preview,
     )
-    return parser.parse_args(argv)
+    if arguments.quick:
+        settings = replace(settings, repeats=1, scaling_steps=20)
+    result = run_bench(
+        settings, lambda text: print(f"measuring: {text}", file=sys.stderr)
+    )
+    data, plot = arguments.out / "bench.json", arguments.out / "bench.png"
+    write_whole(data, json.dumps(result, indent=2) + "\n")
+    save_figure(draw_bench(result), plot, dpi=150)
+    benchmark.report(
+        tables(result),
+        f"Motion {settings.motion}, {settings.duration:g} s. "
+        f"The step is {result['arithmetic']}.",
+    )
+    print(data, plot, sep="\n")
 
 
-def _measurements(text: str) -> list[str]:
-    chosen = [part.strip() for part in text.split(",")]
-    for name in chosen:
-        if name not in MEASUREMENTS:
-            raise argparse.ArgumentTypeError(
-                f"{name!r} is unknown{nearest(name, MEASUREMENTS)}"
-            )
-    return chosen
+def _part(arguments: argparse.Namespace) -> str:
+    measured = defaults_or_preview(arguments)
+    return "step" if measured == "defaults" else f"step {measured}"
 
 
 def _take_one_thread() -> None:
@@ -650,4 +564,4 @@ def _take_one_thread() -> None:
 
 if __name__ == "__main__":
     _take_one_thread()
-    sys.exit(main())
+    run_command(main)

@@ -10,11 +10,9 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
-from pathlib import Path
 
+from benchmarks.page import ROOT
 from crar_drake.errors import CrarError
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 def measure_compiling(constraints: str = "lookahead") -> dict[str, dict[str, float]]:

@@ -1,74 +1,29 @@
-"""Tables, a page and a plot of what `benchmarks.step` measured."""
-
-import os
+"""Tables and a plot of what `benchmarks.step` measured."""
 
 from matplotlib.figure import Figure
-from rich.table import Table
 
-from benchmarks import page
-from crar_drake.figures import save_figure
+from benchmarks.page import Table
 
 
-def what_was_timed(result: dict) -> str:
-    """The motion, and what computed the equations, in a sentence each."""
-    settings = result["settings"]
-    return (
-        f"Motion {settings['motion']}, {settings['duration']:g} s. "
-        f"The step is {result['arithmetic']}."
-    )
-
-
-def sections(result: dict) -> list[tuple[str, list[str], list[list[str]]]]:
-    """Title, header and rows of each table; text only."""
-    found = [("What is to be reached", *_targets(result))]
+def tables(result: dict) -> list[Table]:
+    """The tables of what `run_bench` measured."""
+    found = [_targets(result)]
     if result["step"]:
         found += [
-            ("One control step, in a row [µs]", *_steps(result, "in_a_row")),
-            ("One control step, by turns [µs]", *_steps(result, "by_turns")),
-            ("Its parts, wall clock, in a row [µs]", *_parts(result)),
-            ("For comparison, wall clock, in a row [µs]", *_comparison(result)),
+            _steps(result, "in a row", "in_a_row"),
+            _steps(result, "by turns", "by_turns"),
+            _parts(result),
         ]
     if result["compiling"]:
-        found.append(
-            ("Making model and law ready for the first step", *_compiling(result))
-        )
+        found.append(_compiling(result))
     if result["simulation"]:
-        found.append(("Whole simulation, 1 kHz", *_simulations(result)))
+        found.append(_simulations(result))
     if result["scaling"]:
-        found.append(("Growth of the control step", *_scaling(result)))
+        found.append(_scaling(result))
     return found
 
 
-def rich_tables(result: dict) -> list[Table]:
-    """The tables for a terminal."""
-    tables = []
-    for title, header, rows in sections(result):
-        table = Table(title=title, title_justify="left")
-        for i, name in enumerate(header):
-            table.add_column(name, justify="right" if i else "left")
-        for row in rows:
-            table.add_row(*row)
-        tables.append(table)
-    return tables
-
-
-def page_part(result: dict, command: str) -> page.Part:
-    """What a page keeps of the run.
-
-    Args:
-        result: of `run_bench`.
-        command: that measured it.
-    """
-    return page.Part(
-        command,
-        page.machine_line(result["machine"]),
-        page.version_line(),
-        [page.Table(header, rows, title) for title, header, rows in sections(result)],
-        what_was_timed(result),
-    )
-
-
-def _targets(result: dict) -> tuple[list[str], list[list[str]]]:
+def _targets(result: dict) -> Table:
     rows = []
     for t in result["targets"]:
         sign = "≥" if t["at_least"] else "≤"
@@ -80,10 +35,11 @@ def _targets(result: dict) -> tuple[list[str], list[list[str]]]:
                 "yes" if t["reached"] else "no",
             ]
         )
-    return ["target", "measured", "wanted", "reached"], rows
+    columns = ["target", "measured", "wanted", "reached"]
+    return Table(columns, rows, "What is to be reached")
 
 
-def _steps(result: dict, order: str) -> tuple[list[str], list[list[str]]]:
+def _steps(result: dict, words: str, order: str) -> Table:
     header = [
         "tasks, constraints",
         "plain step",
@@ -93,14 +49,11 @@ def _steps(result: dict, order: str) -> tuple[list[str], list[list[str]]]:
         "step over bound",
         "by the wall clock",
         "plain step over bound",
-        "bound, distances compiled",
-        "step over it",
     ]
     rows = []
     for e in result["step"]:
         figures = e[order]
-        step, plain = figures["step"], figures["plain step"]
-        bound, other = figures["bound"], figures["bound, distances compiled"]
+        step, plain, bound = (figures[n] for n in ("step", "plain step", "bound"))
         rows.append(
             [
                 _case(e),
@@ -111,11 +64,9 @@ def _steps(result: dict, order: str) -> tuple[list[str], list[list[str]]]:
                 _ratio(step, bound),
                 f"{figures['ratio']:.2f}",
                 _ratio(plain, bound),
-                _us_of(other),
-                _ratio(step, other),
             ]
         )
-    return header, rows
+    return Table(header, rows, f"One control step, {words} [µs]")
 
 
 def _us_of(figures: dict | None) -> str:
@@ -123,13 +74,13 @@ def _us_of(figures: dict | None) -> str:
     return "–" if figures is None else _us(figures["cpu_median"])
 
 
-def _ratio(first: dict | None, second: dict | None) -> str:
-    if first is None or second is None:
+def _ratio(figures: dict | None, bound: dict) -> str:
+    if figures is None:
         return "–"
-    return f"{first['cpu_median'] / second['cpu_median']:.2f}"
+    return f"{figures['cpu_median'] / bound['cpu_median']:.2f}"
 
 
-def _compiling(result: dict) -> tuple[list[str], list[list[str]]]:
+def _compiling(result: dict) -> Table:
     times = result["compiling"]
     rows = [
         [text, f"{times[name]['wall']:.1f}", f"{times[name]['cpu']:.1f}"]
@@ -138,28 +89,11 @@ def _compiling(result: dict) -> tuple[list[str], list[list[str]]]:
             ("later", "a later one, which finds what was kept"),
         )
     ]
-    return ["process", "wall clock [s]", "processor time [s]"], rows
+    columns = ["process", "wall clock [s]", "processor time [s]"]
+    return Table(columns, rows, "Making model and law ready for the first step")
 
 
-def _comparison(result: dict) -> tuple[list[str], list[list[str]]]:
-    rows = [
-        [
-            _case(e),
-            _us(e["model_alone"]["median"]),
-            _us(e["scene_graph_distances"]["median"]),
-            str(e["pairs"]),
-        ]
-        for e in result["step"]
-    ]
-    return [
-        "tasks, constraints",
-        "model alone",
-        "SceneGraph's distances",
-        "pairs",
-    ], rows
-
-
-def _parts(result: dict) -> tuple[list[str], list[list[str]]]:
+def _parts(result: dict) -> Table:
     names = list(result["step"][0]["parts"])
     rows = [
         [
@@ -169,10 +103,11 @@ def _parts(result: dict) -> tuple[list[str], list[list[str]]]:
         ]
         for e in result["step"]
     ]
-    return ["tasks, constraints", *names, "step"], rows
+    columns = ["tasks, constraints", *names, "step"]
+    return Table(columns, rows, "Its parts, wall clock, in a row [µs]")
 
 
-def _simulations(result: dict) -> tuple[list[str], list[list[str]]]:
+def _simulations(result: dict) -> Table:
     header = [
         "tasks, constraints",
         "step",
@@ -194,10 +129,10 @@ def _simulations(result: dict) -> tuple[list[str], list[list[str]]]:
                 f"{e['writing_the_page']:.2f} s" if recording else "–",
             ]
         )
-    return header, rows
+    return Table(header, rows, "Whole simulation, 1 kHz")
 
 
-def _scaling(result: dict) -> tuple[list[str], list[list[str]]]:
+def _scaling(result: dict) -> Table:
     header = [
         "growing",
         "constraints",
@@ -219,7 +154,7 @@ def _scaling(result: dict) -> tuple[list[str], list[list[str]]]:
         ]
         for e in result["scaling"]
     ]
-    return header, rows
+    return Table(header, rows, "Growth of the control step")
 
 
 def _case(entry: dict) -> str:
@@ -228,11 +163,6 @@ def _case(entry: dict) -> str:
 
 def _us(seconds: float) -> str:
     return f"{1e6 * seconds:.0f}"
-
-
-def plot_bench(result: dict, path: str | os.PathLike[str]) -> None:
-    """Draws what was measured; the suffix chooses the format."""
-    save_figure(draw_bench(result), path, dpi=150)
 
 
 def draw_bench(result: dict) -> Figure:

@@ -1,6 +1,5 @@
 """One control step, the bound that it is compared with, and its parts, to be timed."""
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -15,13 +14,11 @@ from benchmarks.plain import as_it_is, plain
 from benchmarks.step_timing import Stopwatch, Subject, replaced
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations.capsule_distances import ShapePairs, nearest_of_pairs
-from crar_drake.equations.collisions import distance_gradient_about_origin
+from crar_drake.equations.capsule_distances import ShapePairs
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.kinematics import (
     Measured,
-    evaluate_state,
     joint_motion,
     link_poses,
     place_points,
@@ -258,22 +255,6 @@ def plain_distances(
     return d, package.distance_gradient_about_origin(normal, p_WA, S, pairs.moves)
 
 
-@compiled
-def distances_as_they_are(
-    points: np.ndarray, asked: np.ndarray, S: np.ndarray, robot: Held
-) -> tuple[np.ndarray, np.ndarray]:
-    """The same, compiled where Numba is installed; holds a `Robot`."""
-    pairs = robot.value.pairs.value
-    d, normal, p_WA = nearest_of_pairs(points, asked, pairs)
-    return d, distance_gradient_about_origin(normal, p_WA, S, pairs.moves)
-
-
-def robot_of(model: ControlModel, parameters: CrarParameters) -> Held:
-    """What the step's equations are given of the robot: rows by pair, or by shapes."""
-    ahead = parameters.constraints == "lookahead"
-    return model.robot_ahead if ahead else model.robot_by_pair
-
-
 class Bound(Subject):
     """A step's quantities as far as Drake has them, asked of Drake, and the distances.
 
@@ -282,33 +263,22 @@ class Bound(Subject):
     that are welded together are one link, what is fixed to the world is none); a
     bias acceleration per task; force elements and inverse dynamics; within effort
     limits the mass matrix. Then distances and gradients, by the step's own functions
-    with the step's own arguments. In the lookahead mode positions, Jacobians and
-    distances also where the robot would come to rest.
+    as plain NumPy, with the step's own arguments. In the lookahead mode positions,
+    Jacobians and distances also where the robot would come to rest.
 
     It bounds what a step takes that asks for all of this. Ours has kinematics of its
     own, so it may take less.
     """
 
     def __init__(
-        self,
-        model: ControlModel,
-        parameters: CrarParameters,
-        samples: Samples,
-        distances: Callable = plain_distances,
+        self, model: ControlModel, parameters: CrarParameters, samples: Samples
     ) -> None:
-        """
-        Args:
-            model, parameters, samples: of the step.
-            distances: `plain_distances`, or `distances_as_they_are`.
-        """
+        """Of the step with the same arguments."""
         self._model, self._samples = model, samples
-        self._distances = distances
-        self._robot = robot_of(model, parameters)
-        self._horizon = (
-            parameters.braking_horizon
-            if parameters.constraints == "lookahead"
-            else None
-        )
+        ahead = parameters.constraints == "lookahead"
+        # Rows by pair, or by shapes.
+        self._robot = model.robot_ahead if ahead else model.robot_by_pair
+        self._horizon = parameters.braking_horizon if ahead else None
         self._with_mass_matrix = parameters.limits_efforts
         workspace = model.MakeWorkspace()
         self._workspace = workspace
@@ -339,8 +309,6 @@ class Bound(Subject):
         # What the step hands to the distances, from the step's own functions.
         measured = model.measure(workspace, q, v, self._q_s)
         points, S, pairs = what_distances_are_of(measured, self._robot)
-        if self._distances is distances_as_they_are:
-            pairs = self._robot
         self._given = (points, measured.asked, S, pairs)
         # Setting the state that is there already would cost nothing.
         model.plant.SetPositionsAndVelocities(self._here, 0.0 * self._x)
@@ -362,7 +330,7 @@ class Bound(Subject):
         if self._q_s is not None:
             plant.SetPositions(self._ahead, self._q_s)
             self._links_at(self._ahead)
-        self.d, self.dd_dv = self._distances(*self._given)
+        self.d, self.dd_dv = plain_distances(*self._given)
         plant.CalcForceElementsContribution(here, forces)
         plant.CalcInverseDynamics(here, self._vdot, forces)
         if self._with_mass_matrix:
@@ -391,70 +359,3 @@ class Bound(Subject):
             link = links.setdefault(int(first.index()), (first.body_frame(), []))
             link[1].append(plant.CalcPointsPositions(context, frame, p, link[0])[:, 0])
         return [(frame, np.array(points).T) for frame, points in links.values()]
-
-
-class ModelAlone(Subject):
-    """The control model's own evaluation and inverse dynamics, without the law.
-
-    For comparison: this is what this implementation does in the place of the bound,
-    but for the mass matrix.
-    """
-
-    def __init__(
-        self, model: ControlModel, parameters: CrarParameters, samples: Samples
-    ) -> None:
-        self._model, self._samples = model, samples
-        self._workspace = model.MakeWorkspace()
-        self._robot = robot_of(model, parameters)
-        self._ahead = parameters.constraints == "lookahead"
-        self._horizon = parameters.braking_horizon
-
-    def prepare(self, k: int) -> None:
-        samples = self._samples
-        self._q, self._v, self._vdot = samples.q[k], samples.v[k], samples.vdot[k]
-        self._q_s = None
-        if self._ahead:
-            self._q_s = resting_configuration(self._q, self._v, self._horizon, PLAIN)
-
-    def __call__(self) -> None:
-        model, workspace = self._model, self._workspace
-        measured = model.measure(workspace, self._q, self._v, self._q_s)
-        evaluate_state(measured, self._robot)
-        model.inverse_dynamics(workspace, self._vdot)
-
-
-class SceneGraphDistances(Subject):
-    """SceneGraph's distances of all watched shape pairs in one state, results read.
-
-    For comparison with the closed forms.
-    """
-
-    def __init__(
-        self, model: ControlModel, parameters: CrarParameters, samples: Samples
-    ) -> None:
-        self._model, self._samples = model, samples
-        workspace = model.MakeWorkspace()
-        self._workspace = workspace
-        self._plant_context = workspace.plant_context
-        self._context = workspace.scene_graph_context
-        plant, pairs = model.plant, model.pairs
-        ids = [plant.GetCollisionGeometriesForBody(body) for body in pairs.bodies]
-        self._ids = [
-            (id_a, id_b)
-            for a, b in zip(pairs.body_a, pairs.body_b, strict=True)
-            for id_a in ids[a]
-            for id_b in ids[b]
-        ]
-
-    def prepare(self, k: int) -> None:
-        samples = self._samples
-        self._model.plant.SetPositionsAndVelocities(
-            self._plant_context, np.concatenate([samples.q[k], samples.v[k]])
-        )
-
-    def __call__(self) -> None:
-        port = self._model.scene_graph.get_query_output_port()
-        query = port.Eval(self._context)
-        for id_a, id_b in self._ids:
-            answer = query.ComputeSignedDistancePairClosestPoints(id_a, id_b)
-            _ = answer.distance, answer.nhat_BA_W, answer.p_ACa

@@ -14,7 +14,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.page import Benchmark, Table, run
@@ -34,69 +33,11 @@ WORKS = {
     "clean": (find_references, clean_file, clean_folder),
     "retarget": (find_people, retarget_file, retarget_folder),
 }
-HEADER = [
-    "clips",
-    "frames",
-    "of motion",
-    "processes",
-    "wall time",
-    "processor time",
-    "clips / s and core",
-    "frames / s and core",
-    "x real time and core",
-    "solving, of all",
-    "peak memory of a process",
-    "and of the first one",
-]
 
 
-@dataclass(frozen=True)
-class Throughput:
-    """What was measured.
-
-    Attributes:
-        clips, frames: that were written.
-        duration: of the motions [s].
-        failed: files that could not be done.
-        jobs: processes at a time.
-        wall: time that it took [s].
-        processor: the same, of all processes [s].
-        solving: of this [s], without reading, writing and certificates.
-        memory: peak of the largest process [byte].
-        own_memory: peak of the process that hands out the work [byte].
-    """
-
-    clips: int
-    frames: int
-    duration: float
-    failed: int
-    jobs: int
-    wall: float
-    processor: float
-    solving: float
-    memory: float
-    own_memory: float
-
-    def cells(self) -> list[str]:
-        """A row of the table."""
-        used = self.processor
-        return [
-            f"{self.clips}",
-            f"{self.frames}",
-            f"{self.duration:.1f} s",
-            f"{self.jobs}",
-            f"{self.wall:.1f} s",
-            f"{used:.1f} s",
-            f"{self.clips / used:.3f}",
-            f"{self.frames / used:.1f}",
-            f"{self.duration / used:.2f}",
-            f"{self.solving / used:.0%}",
-            f"{self.memory / 2**20:.0f} MiB",
-            f"{self.own_memory / 2**20:.0f} MiB",
-        ]
-
-
-def measure(what: str, folder: Path, robot: str, jobs: int) -> Throughput:
+def measure(
+    what: str, folder: Path, robot: str, jobs: int
+) -> tuple[dict[str, str], int]:
     """Does the work on a folder, into one that is then removed.
 
     Args:
@@ -104,6 +45,11 @@ def measure(what: str, folder: Path, robot: str, jobs: int) -> Throughput:
         folder: with motions.
         robot: name or folder.
         jobs: processes at a time.
+
+    Returns:
+        The row of the table by its columns, and how many files could not be done.
+        Processor time is of all processes; solving is without reading, writing and
+        certificates.
 
     Raises:
         CrarError: the folder or the robot cannot be used, or no file could be done.
@@ -118,7 +64,7 @@ def measure(what: str, folder: Path, robot: str, jobs: int) -> Throughput:
             pool.submit(of_file, shortest, first, robot).exception()
         began, before = time.perf_counter(), _processor_time()
         files = of_folder(folder, out, robot, jobs=jobs)
-        wall, processor = time.perf_counter() - began, _processor_time() - before
+        wall, used = time.perf_counter() - began, _processor_time() - before
     clips = [clip for file in files for clip in file.clips]
     if not clips:
         raise CrarError(f"{folder}: no file could be done; the first: {files[0].error}")
@@ -127,18 +73,23 @@ def measure(what: str, folder: Path, robot: str, jobs: int) -> Throughput:
     memory, own = (
         unit * resource.getrusage(who).ru_maxrss for who in (_CHILDREN, _SELF)
     )
-    return Throughput(
-        clips=len(clips),
-        frames=sum(clip.frames for clip in clips),
-        duration=sum((clip.frames - 1) / clip.rate for clip in clips),
-        failed=sum(bool(file.error) for file in files),
-        jobs=jobs,
-        wall=wall,
-        processor=processor,
-        solving=sum(clip.seconds for clip in clips),
-        memory=memory,
-        own_memory=own,
-    )
+    frames = sum(clip.frames for clip in clips)
+    duration = sum((clip.frames - 1) / clip.rate for clip in clips)
+    row = {
+        "clips": f"{len(clips)}",
+        "frames": f"{frames}",
+        "of motion": f"{duration:.1f} s",
+        "processes": f"{jobs}",
+        "wall time": f"{wall:.1f} s",
+        "processor time": f"{used:.1f} s",
+        "clips / s and core": f"{len(clips) / used:.3f}",
+        "frames / s and core": f"{frames / used:.1f}",
+        "x real time and core": f"{duration / used:.2f}",
+        "solving, of all": f"{sum(clip.seconds for clip in clips) / used:.0%}",
+        "peak memory of a process": f"{memory / 2**20:.0f} MiB",
+        "and of the first one": f"{own / 2**20:.0f} MiB",
+    }
+    return row, sum(bool(file.error) for file in files)
 
 
 def _processor_time() -> float:
@@ -155,14 +106,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     benchmark.parser.add_argument("--what", choices=WORKS, default="clean")
     benchmark.parser.add_argument("--jobs", type=int, help="(default: one per core)")
     arguments = benchmark.parse(argv, lambda given: given.what)
-    found = measure(
+    row, failed = measure(
         arguments.what,
         arguments.folder,
         whole_body_name(arguments.robot),
         arguments.jobs or os.cpu_count() or 1,
     )
-    said = f"{found.failed} files could not be done." if found.failed else ""
-    benchmark.report([Table(HEADER, [found.cells()])], said)
+    said = f"{failed} files could not be done." if failed else ""
+    benchmark.report([Table([*row], [[*row.values()]])], said)
 
 
 if __name__ == "__main__":

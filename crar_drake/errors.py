@@ -63,6 +63,12 @@ def printable(text: str) -> str:
     )
 
 
+def few(names: Sequence[str], most: int) -> str:
+    """The first ones with commas between, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
 # More names than these are more than anybody reads.
 _MOST_NAMES = 40
 
@@ -73,5 +79,4 @@ def nearest(name: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(name, known, n=1)
     if close:
         return f"; did you mean {close[0]!r}?"
-    more = f" and {len(known) - _MOST_NAMES} more" if len(known) > _MOST_NAMES else ""
-    return f"; known are {', '.join(known[:_MOST_NAMES])}{more}" if known else ""
+    return f"; known are {few(known, _MOST_NAMES)}" if known else ""

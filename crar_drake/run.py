@@ -191,37 +191,32 @@ def run_scenario(
                 raise
             stopped = error
         wall_time = time.perf_counter() - start
-        model = setup.model
         # Its robot named as in the log, for the figures to say the same.
         logged = with_lasting_name(scenario)
         log = make_log(logged, setup, diagram, simulator.get_context())
         if stopped is not None and not len(log.time):
             raise stopped
-        warnings += lasting_error_warnings(log, scenario.controller.blend_time)
         blended = scenario.controller.blend_time
-        performer, stood, lowest = setup.motion.performer, None, None
+        warnings += lasting_error_warnings(log, blended)
+        performer, lowest = setup.motion.performer, None
         if scenario.standing is not None:
             performer = None  # whose limbs turn with the hips; the robot's stay
-            stood = stance(log, setup.simulated, scenario.standing.friction)
         if stopped is None:
             try:
                 lowest = _lowest(scenario, setup, log)
             except ModuleNotFoundError as error:
                 warnings.append(without_meshes(error))
-        summary = summarize(
+        summary = summary_of(
             log,
-            wall_time,
-            scenario=logged,
+            logged,
+            setup,
+            stopped,
+            wall_time=wall_time,
             motion=report,
             warnings=warnings,
             limbs=limb_directions(log, setup.model, performer, blended),
             lowest=lowest,
-            obstacles=judge_obstacles(
-                log, logged, model.plant, model.scene_graph, model.description.pairs
-            ),
-            stance=stood,
         )
-        summary = replace(summary, stopped=reason_of(stopped))
         result = RunResult(log, summary, setup)
         if out is None:
             return result
@@ -341,6 +336,34 @@ def make_log(
         effort_limits=np.array([actuator.effort_limit() for actuator in actuators]),
         scenario=with_lasting_name(scenario).to_yaml(),
     )
+
+
+def summary_of(
+    log: SimulationLog,
+    scenario: Scenario,
+    setup: Setup,
+    stopped: BaseException | None,
+    **known,
+) -> Summary:
+    """The figures of a run, with what judges say of obstacles and of how it stood.
+
+    Args:
+        log: of the run.
+        scenario: of the log.
+        setup: of the scenario.
+        stopped: what ended the run before its time, if anything did.
+        known: further arguments of `summarize`.
+    """
+    model, stood = setup.model, None
+    if scenario.standing is not None:
+        stood = stance(log, setup.simulated, scenario.standing.friction)
+    obstacles = judge_obstacles(
+        log, scenario, model.plant, model.scene_graph, model.description.pairs
+    )
+    summary = summarize(
+        log, scenario=scenario, obstacles=obstacles, stance=stood, **known
+    )
+    return replace(summary, stopped=reason_of(stopped))
 
 
 def log_sinks(diagram: Diagram) -> dict[str, VectorLogSink]:

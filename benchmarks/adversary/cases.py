@@ -1,11 +1,11 @@
-"""Cases, and what came of them: a line of JSON each, so that a stopped run goes on."""
+"""Cases, and what came of them, kept so that a stopped run goes on."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import crar_drake
@@ -13,6 +13,7 @@ from benchmarks.adversary.attacks import ATTACKS
 from benchmarks.adversary.policies import POLICIES
 from benchmarks.adversary.random_robots import KINDS
 from benchmarks.adversary.robots import ROBOTS
+from crar_drake.files import write_whole
 
 PLANTS = ("exact", "torque", "filter")
 EXACT_ONLY = ("posture", "switched")
@@ -105,37 +106,6 @@ class Result:
         """Whether anything was violated, speed limits included."""
         return bool(self.violated or self.too_fast or self.diverged)
 
-    def line(self) -> str:
-        """The result as a line of JSON; JSON has no infinity, so None stands for it."""
-        return json.dumps(finite(asdict(self)))
-
-    @staticmethod
-    def parse(line: str) -> Result | None:
-        """The result of a line; None if it is not one (a torn or an older line)."""
-        try:
-            values = json.loads(line)
-            case = Case(**values.pop("case"))
-            known = {f.name for f in fields(Result)}
-            if not set(values) <= known:
-                return None
-            for name in ("clearance", "path_clearance", "overspeed", "excess", "slip"):
-                if values.get(name, 0.0) is None:
-                    values[name] = float("inf")
-            return Result(case, **values)
-        except (json.JSONDecodeError, TypeError, KeyError, AttributeError):
-            return None
-
-
-def finite(value):
-    """The same without numbers that JSON does not know."""
-    if isinstance(value, dict):
-        return {key: finite(x) for key, x in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(x) for x in value]
-    if isinstance(value, float) and not abs(value) < float("inf"):
-        return None
-    return value
-
 
 def law_digest() -> str:
     """Twelve digits that change with the source of the controller or of the attacks."""
@@ -187,10 +157,15 @@ def read_results(path: Path, law: str) -> dict[Case, Result]:
     """Results of earlier runs against the same law, by case; without failed ones."""
     if not path.is_file():
         return {}
-    parsed = (Result.parse(line) for line in path.read_text().splitlines())
-    return {r.case: r for r in parsed if r and r.law == law and not r.error}
+    try:
+        kept = json.loads(path.read_text())
+        found = [Result(Case(**each.pop("case")), **each) for each in kept["results"]]
+    except (ValueError, KeyError, TypeError):  # of another version
+        return {}
+    return {r.case: r for r in found if r.law == law and not r.error}
 
 
-def merged(cases: Iterable[Case], results: dict[Case, Result]) -> list[Result]:
-    """The results of these cases, in their order."""
-    return [results[case] for case in cases if case in results]
+def write_results(path: Path, results: Iterable[Result]) -> None:
+    """Writes them all, so that a stopped run goes on."""
+    kept = {"results": [asdict(result) for result in results]}
+    write_whole(path, json.dumps(kept, indent=1))

@@ -1,17 +1,11 @@
-"""Tables of what the adversary found: for the terminal and as Markdown."""
+"""Tables of what the adversary found."""
 
 from collections.abc import Sequence
 
-from rich.table import Table
-
-from benchmarks import page
 from benchmarks.adversary.cases import Result
+from benchmarks.page import Table
 
 HEADER = (
-    "attack",
-    "robot",
-    "period",
-    "plant",
     "steps",
     "episodes violated",
     "below the floor, penetrating",
@@ -23,59 +17,6 @@ HEADER = (
     "speed / limit",
     "nominal / corrected / scaled",
 )
-
-SHORT = (
-    "attack",
-    "robot",
-    "period",
-    "plant",
-    "steps",
-    "bad",
-    "div.",
-    "ref.",
-    "below",
-    "limit",
-    "path",
-    "fast",
-    "nearest",
-    "excess",
-    "nom./corr./scaled",
-)
-
-
-def rich_table(results: Sequence[Result]) -> Table:
-    """A line per case."""
-    table = Table(title="attack by robot by period; distances in mm, excess in rad")
-    for name in SHORT:
-        table.add_column(
-            name, justify="left" if name in SHORT[:2] else "right", no_wrap=True
-        )
-    for result in results:
-        style = "red" if result.error or result.violated or result.diverged else None
-        table.add_row(*_row(result), style=style)
-    return table
-
-
-def _row(r: Result) -> list[str]:
-    case = r.case
-    head = [case.attack, case.robot, f"{1e3 * case.period:g} ms", case.plant]
-    if r.error:
-        return [*head, *[""] * (len(SHORT) - 5), r.error[:60]]
-    nearest = min(r.clearance, r.path_clearance)
-    return [
-        *head,
-        f"{r.steps}",
-        f"{r.violated}/{r.episodes}",
-        f"{r.diverged}",
-        f"{r.refused}",
-        f"{r.below}",
-        f"{r.beyond_limit}",
-        f"{r.ahead}+{r.blocked}",
-        f"{r.too_fast}",
-        f"{1e3 * nearest:.1f}",
-        f"{r.excess:.2g}",
-        "/".join(map(str, r.admitted)) if any(r.admitted) else "-",
-    ]
 
 
 def _figures(results: Sequence[Result]) -> list[str]:
@@ -108,7 +49,7 @@ def _figures(results: Sequence[Result]) -> list[str]:
     ]
 
 
-def grouped(results: Sequence[Result], what: str) -> page.Table:
+def grouped(results: Sequence[Result], what: str) -> Table:
     """A table with a line for each value of a case's field, and their sum.
 
     Args:
@@ -124,10 +65,10 @@ def grouped(results: Sequence[Result], what: str) -> page.Table:
         rows.append([text, *_figures(same)])
     if len(values) > 1:
         rows.append(["all", *_figures(good)])
-    return page.Table([what, *HEADER[4:]], rows)
+    return Table([what, *HEADER], rows)
 
 
-def explained(results: Sequence[Result]) -> page.Table:
+def explained(results: Sequence[Result]) -> Table:
     """A table of why episodes of the whole diagram violate."""
     rows = []
     for r in results:
@@ -142,7 +83,7 @@ def explained(results: Sequence[Result]) -> page.Table:
                     f"{r.slip:.0f} rad/s²" if r.by_plant else "–",
                 ]
             )
-    return page.Table(
+    return Table(
         [
             "attack",
             "robot",
@@ -155,35 +96,27 @@ def explained(results: Sequence[Result]) -> page.Table:
     )
 
 
-def plant_tables(results: Sequence[Result]) -> list[page.Table]:
-    """By attack, robot and period, of one plant."""
-    found = [grouped(results, what) for what in ("attack", "robot", "period")]
-    if results and results[0].case.plant == "torque":
-        found.append(explained(results))
+def tables(results: Sequence[Result]) -> list[Table]:
+    """By attack, robot and period, of each plant."""
+    found = []
+    for plant in dict.fromkeys(r.case.plant for r in results):
+        same = [r for r in results if r.case.plant == plant]
+        found += [grouped(same, what) for what in ("attack", "robot", "period")]
+        if plant == "torque":
+            found.append(explained(same))
     return found
 
 
-def not_run(results: Sequence[Result]) -> str:
-    """A line for each case that failed; "" if none did."""
-    return "".join(
-        f"* {r.case.attack}, {r.case.robot}, {1e3 * r.case.period:g} ms, "
-        f"{r.case.plant}: {r.error}\n"
+def told(results: Sequence[Result]) -> str:
+    """The verdict, and the cases that failed."""
+    failed = [
+        f"{r.case.attack}, {r.case.robot}, {1e3 * r.case.period:g} ms, "
+        f"{r.case.plant}: {r.error}"
         for r in results
         if r.error
-    )
-
-
-def markdown(results: Sequence[Result]) -> str:
-    """All tables, plant by plant."""
-    parts, plants = [], list(dict.fromkeys(r.case.plant for r in results))
-    for plant in plants:
-        of_plant = [r for r in results if r.case.plant == plant]
-        if len(plants) > 1:
-            parts.append(f"Plant: {plant}.\n")
-        parts += [table.markdown() for table in plant_tables(of_plant)]
-    if lines := not_run(results):
-        parts.append(f"Not run:\n\n{lines}")
-    return "\n".join(parts)
+    ]
+    text = f"{verdict_line(results).capitalize()}."
+    return text + (f" Not run: {'; '.join(failed)}." if failed else "")
 
 
 def verdict_line(results: Sequence[Result]) -> str:

@@ -17,16 +17,22 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.adversary.attacks import make_episode
 from benchmarks.adversary.judge import Judge, Verdict
-from benchmarks.page import Benchmark, Table
-from benchmarks.peers.compare import PERIOD, add_peer_options, recorded, run_command
-from benchmarks.peers.crossings import add_only, entries, only
+from benchmarks.page import Benchmark, Table, run
+from benchmarks.peers.compare import (
+    PERIOD,
+    add_only,
+    add_peer_options,
+    only,
+    recorded,
+)
+from benchmarks.peers.crossings import entries
 from benchmarks.peers.peers import MARGIN
 from benchmarks.peers.problem import ROBOT, SAMPLE, describe, write_problem
 from crar_drake import (
@@ -36,7 +42,8 @@ from crar_drake import (
     load_robot_description,
     position_tasks,
 )
-from crar_drake.files import whole_file, write_whole
+from crar_drake.commands.options import count, positive
+from crar_drake.files import whole_file
 
 ATTACKS = (
     "teleport",
@@ -194,9 +201,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.peers.attacked", __doc__, "attacked")
     parser = benchmark.parser
     add_peer_options(parser, "out/attacked")
-    parser.add_argument("--seeds", type=int, default=12, help="episodes an attack")
+    parser.add_argument("--seeds", type=count, default=12, help="episodes an attack")
     parser.add_argument("--period", type=float, default=PERIOD, help="of control [s]")
-    parser.add_argument("--fastest", type=float, help="of every joint [rad/s]")
+    parser.add_argument("--fastest", type=positive, help="of every joint [rad/s]")
     add_only(benchmark)
     arguments = benchmark.parse(
         argv,
@@ -205,14 +212,9 @@ def main(argv: Sequence[str] | None = None) -> None:
             + (", some" if given.only else "")
         ),
     )
-    if arguments.fastest is not None and not arguments.fastest > 0.0:
-        parser.error(f"--fastest {arguments.fastest}: must be above 0")
-    if arguments.seeds < 1:
-        parser.error(f"--seeds {arguments.seeds}: must be at least 1")
     if not SAMPLE <= arguments.period <= 0.1:
         parser.error(f"--period {arguments.period}: must be from {SAMPLE} to 0.1 s")
-    out = arguments.out.resolve()
-    folder = out / "problem"
+    folder = arguments.out.resolve() / "problem"
     write_problem(folder)
     if arguments.fastest:
         slow_down(folder, arguments.fastest)
@@ -227,16 +229,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         for attack, names in cases.items():
             for name in names:
                 found[entry.name][attack].add(witness.harm(results[name]))
-    write_whole(
-        out / "attacked.json",
-        json.dumps(
-            {
-                name: {attack: asdict(harm) for attack, harm in each.items()}
-                for name, each in found.items()
-            },
-            indent=1,
-        ),
-    )
     benchmark.report(make_tables(found))
 
 
@@ -279,4 +271,4 @@ def make_tables(found: dict[str, dict[str, Harm]]) -> list[Table]:
 
 
 if __name__ == "__main__":
-    run_command(main)
+    run(main)

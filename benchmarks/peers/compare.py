@@ -15,15 +15,14 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.progress import track
 
-from benchmarks.page import check_part, command_line, write_part
+from benchmarks.page import ROOT, Benchmark, run
 from benchmarks.peers.judge import Figures, Judge
 from benchmarks.peers.peers import (
     ENVIRONMENTS,
@@ -34,12 +33,12 @@ from benchmarks.peers.peers import (
     Peer,
 )
 from benchmarks.peers.problem import CASES, write_problem
-from benchmarks.peers.report import Row, page_part, tables
+from benchmarks.peers.report import Row, tables, versions
 from benchmarks.peers.tuning import choose, holds, load_settings, save_settings
 from crar_drake import CrarError
+from crar_drake.commands.options import count
 from crar_drake.files import write_whole
 
-ROOT = Path(__file__).resolve().parents[2]  # of the checkout
 PERIOD = 0.005  # [s] of all controllers
 COMPILED = {"compiled": True}  # needs crar-drake[compiled]; else plain NumPy
 WAYS = {"": {}, ", compiled": COMPILED, ", as torque": {"torque": True}}
@@ -59,30 +58,17 @@ class Entry:
     settings: dict[str, dict]
 
 
-def main(argv: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main(argv: Sequence[str] | None = None) -> None:
+    benchmark = Benchmark("benchmarks.peers.compare", __doc__, "peers")
+    parser = benchmark.parser
     parser.add_argument("--out", type=Path, default=Path("out/peers"))
     parser.add_argument("--tune", action="store_true", help="try all grids first")
-    parser.add_argument(
-        "--only", nargs="+", default=[], help="controllers whose names contain one"
+    add_only(benchmark)
+    parser.add_argument("--rounds", type=count, default=3, help="runs, for times")
+    arguments = benchmark.parse(
+        argv, lambda given: "compare, some" if given.only else "compare"
     )
-    parser.add_argument("--rounds", type=int, default=3, help="runs for the step times")
-    parser.add_argument("--page", type=Path, help="write the result to this file")
-    arguments = parser.parse_args(argv)
-    parts = arguments.only or [""]
-    chosen = [
-        peer for peer in (*PEERS, OURS) if any(part in peer.name for part in parts)
-    ]
-    if not chosen:
-        names = ", ".join(peer.name for peer in (*PEERS, OURS))
-        parser.error(
-            f"--only {' '.join(parts)!r}: no such controller; there are {names}"
-        )
-    if arguments.rounds < 1:
-        parser.error(f"--rounds {arguments.rounds}: must be at least 1")
-    part = "compare, some" if arguments.only else "compare"
-    if arguments.page:
-        check_part(arguments.page, part)
+    chosen = only((*PEERS, OURS), arguments, benchmark)
     out = arguments.out.resolve()
     folder = out / "problem"
     write_problem(folder)
@@ -97,24 +83,26 @@ def main(argv: list[str] | None = None) -> None:
     rows = run_all(
         entries(chosen), pythons, folder, out / "runs", judge, arguments.rounds
     )
-    write_whole(out / "rows.json", json.dumps([asdict(row) for row in rows], indent=1))
-    console = Console()
-    for table in tables(rows):
-        console.print(table)
-    if arguments.page:
-        given = sys.argv[1:] if argv is None else argv
-        command = command_line("benchmarks.peers.compare", given, "peers")
-        write_part(arguments.page, part, page_part(rows, load_settings(), command))
-        console.print(f"{arguments.page} written")
+    benchmark.report(tables(rows, load_settings()), versions=versions(rows))
 
 
-def run_command(command: Callable[[], None]) -> None:
-    """Runs a command; its mistakes are told, and the exit code is then 2."""
-    try:
-        command()
-    except CrarError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+def add_only(benchmark: Benchmark) -> None:
+    """The option that `only` reads."""
+    benchmark.parser.add_argument(
+        "--only", nargs="+", default=[], help="controllers whose names contain one"
+    )
+
+
+def only(named: Sequence, arguments: argparse.Namespace, benchmark: Benchmark) -> list:
+    """Those peers, or entries, that are asked for; all if none is."""
+    parts = arguments.only
+    chosen = [one for one in named if not parts or any(p in one.name for p in parts)]
+    if not chosen:
+        names = ", ".join(one.name for one in named)
+        benchmark.parser.error(
+            f"--only {' '.join(parts)!r}: no such controller; there are {names}"
+        )
+    return chosen
 
 
 def environment(folder: Path, name: str, requirements: tuple[str, ...]) -> str:
@@ -363,4 +351,4 @@ def drive(peer: Peer, pythons: dict[str, str], folder: Path, jobs: list[dict]) -
 
 
 if __name__ == "__main__":
-    run_command(main)
+    run(main)

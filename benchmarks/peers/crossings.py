@@ -14,29 +14,26 @@ the upper body, 0 to 23 of the G1), and on recordings of people; the latest as
 `benchmarks.presets` says.
 """
 
-import argparse
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.page import Benchmark, Table
+from benchmarks.page import Benchmark, Table, run
 from benchmarks.peers.compare import (
     COMPILED,
     PERIOD,
     Entry,
-    PeerError,
+    add_only,
     add_peer_options,
+    only,
     recorded,
-    run_command,
 )
 from benchmarks.peers.judge import Figures, Judge
 from benchmarks.peers.peers import NO_PREVIEW, OURS, PEERS
 from benchmarks.peers.problem import ROBOT, ROBOTS, write_crossings, write_problem
 from benchmarks.peers.tuning import load_settings
-from crar_drake.files import write_whole
+from crar_drake.commands.options import count
 
 TUNED_FOR = "crossing"
 HIGHER_GAINS = {"Gv": 60.0, "K": 60.0, "Kp": 900.0} | NO_PREVIEW
@@ -71,8 +68,14 @@ HEADER = (
 def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.peers.crossings", __doc__, "crossings")
     add_only(benchmark)
-    arguments, out, cases, judge = asked(
-        benchmark,
+    parser = benchmark.parser
+    add_peer_options(parser, "out/crossings")
+    parser.add_argument(
+        "--robot", choices=tuple(ROBOTS), default=ROBOT, help="whose motions"
+    )
+    parser.add_argument("--seeds", type=count, default=12, help="how many motions")
+    parser.add_argument("--first", type=int, default=0, help="the first one's seed")
+    arguments = benchmark.parse(
         argv,
         lambda given: (
             given.robot
@@ -80,7 +83,14 @@ def main(argv: Sequence[str] | None = None) -> None:
             + (", some" if given.only else "")
         ),
     )
-    folder = out / "problem"
+    if arguments.first < 0:
+        parser.error(f"--first {arguments.first}: must not be negative")
+    folder = arguments.out.resolve() / "problem"
+    first = arguments.first
+    write_problem(folder, arguments.robot)
+    cases = write_crossings(folder, range(first, first + arguments.seeds))
+    data = json.loads((folder / "problem.json").read_text())
+    judge = Judge(data["robot"], data["joints"], data["tasks"])
     figures = {}
     each = dict.fromkeys(cases, PERIOD)
     compared = [
@@ -96,71 +106,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     compared = only(compared, arguments, benchmark)
     for entry, found in recorded(compared, each, arguments, folder):
         figures[entry.name] = [judge.figures(found[case]) for case in cases]
-    told = {
-        "robot": arguments.robot,
-        "cases": cases,
-        "figures": {name: [asdict(f) for f in of] for name, of in figures.items()},
-    }
-    write_whole(out / "crossings.json", json.dumps(told, indent=1))
     best = best_errors(figures)
     rows = [row(name, each, best) for name, each in figures.items()]
     benchmark.report([Table(HEADER, rows)])
-
-
-def add_only(benchmark: Benchmark) -> None:
-    """The option that `only` reads."""
-    benchmark.parser.add_argument(
-        "--only", nargs="+", default=[], help="controllers whose names contain one"
-    )
-
-
-def only(
-    rows: Sequence[Entry], arguments: argparse.Namespace, benchmark: Benchmark
-) -> list[Entry]:
-    """Those that are asked for; all if none is."""
-    parts = arguments.only
-    chosen = [row for row in rows if not parts or any(p in row.name for p in parts)]
-    if not chosen:
-        benchmark.parser.error(f"--only {' '.join(parts)}: no such controller")
-    return chosen
-
-
-def asked(
-    benchmark: Benchmark,
-    argv: Sequence[str] | None,
-    part: Callable[[argparse.Namespace], str],
-) -> tuple[argparse.Namespace, Path, list[str], Judge]:
-    """Writes the motions that a benchmark of crossings is asked for.
-
-    Args:
-        benchmark: which gets the options.
-        argv: its arguments.
-        part: of its page, for the arguments.
-
-    Returns:
-        The arguments; the folder of all, with the problem in `problem`; the cases; who
-        judges them.
-    """
-    parser = benchmark.parser
-    add_peer_options(parser, "out/crossings")
-    parser.add_argument(
-        "--robot", choices=tuple(ROBOTS), default=ROBOT, help="whose motions"
-    )
-    parser.add_argument("--seeds", type=int, default=12, help="how many motions")
-    parser.add_argument("--first", type=int, default=0, help="the first one's seed")
-    arguments = benchmark.parse(argv, part)
-    if arguments.seeds < 1:
-        parser.error(f"--seeds {arguments.seeds}: must be at least 1")
-    if arguments.first < 0:
-        parser.error(f"--first {arguments.first}: must not be negative")
-    out = arguments.out.resolve()
-    folder = out / "problem"
-    first = arguments.first
-    write_problem(folder, arguments.robot)
-    cases = write_crossings(folder, range(first, first + arguments.seeds))
-    data = json.loads((folder / "problem.json").read_text())
-    judge = Judge(data["robot"], data["joints"], data["tasks"])
-    return arguments, out, cases, judge
 
 
 def entries(cases: Sequence[str]) -> list[Entry]:
@@ -177,34 +125,6 @@ def entries(cases: Sequence[str]) -> list[Entry]:
         ("lookahead, tuned", OURS, ours | COMPILED),
     ]
     return [Entry(name, peer, dict.fromkeys(cases, one)) for name, peer, one in chosen]
-
-
-def told_before(out: Path, robot: str, cases: Sequence[str]) -> dict:
-    """What `main` found for some motions, or for more of which these are some.
-
-    Args:
-        out: where it left all.
-        robot: whose motions.
-        cases: the motions.
-
-    Returns:
-        The figures of every controller, in the order of `cases`.
-
-    Raises:
-        PeerError: if it was not run for them, or last for others.
-    """
-    path = out / "crossings.json"
-    told = json.loads(path.read_text()) if path.is_file() else {"cases": []}
-    if told.get("robot") != robot or not set(cases) <= set(told["cases"]):
-        raise PeerError(
-            f"{path} does not tell of these motions: run benchmarks.peers.crossings "
-            "first, with the same --robot, --first, --seeds and --out"
-        )
-    chosen = [told["cases"].index(case) for case in cases]
-    return {
-        name: [Figures(**each[i]) for i in chosen]
-        for name, each in told["figures"].items()
-    }
 
 
 def best_errors(figures: dict[str, list[Figures]]) -> list[float]:
@@ -230,4 +150,4 @@ def row(name: str, each: Sequence[Figures], best: Sequence[float]) -> list[str]:
 
 
 if __name__ == "__main__":
-    run_command(main)
+    run(main)

@@ -20,6 +20,7 @@ import hashlib
 import json
 import platform
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -99,6 +100,18 @@ class Controller:
         """The command (n,) for one period; raises NoAnswer."""
         raise NotImplementedError
 
+    def after(
+        self, q: np.ndarray, v: np.ndarray, command: np.ndarray | None, period: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """q and v a period after the command; without one (None) the robot stops."""
+        if command is None:
+            v = np.zeros_like(v)
+        elif self.commands == "velocity":
+            v = command
+        else:
+            v = v + period * command
+        return q + period * v, v
+
     def record(
         self, case: Path, period: float, seconds: float | None
     ) -> dict[str, np.ndarray]:
@@ -112,45 +125,57 @@ def run(
     """Drives a controller through a case.
 
     Returns:
-        time (T + 1,), q and v (T + 1, n); step_time (T,) [s], the processor time of
-        all threads in the step, which does not count what other programs take;
-        no_answer (T,); and the targets p (T + 1, tasks, 3) of these times.
+        What `loop` does, and time (T + 1,) and the targets p (T + 1, tasks, 3).
     """
     data = np.load(case)
     stride = round(period / (data["time"][1] - data["time"][0]))
-    clock, p = data["time"][::stride], data["p"][::stride]
-    v_d, a_d = data["v"][::stride], data["a"][::stride]
+    clock, p, v_d, a_d = (data[key][::stride] for key in ("time", "p", "v", "a"))
     if seconds is not None:
         clock = clock[: round(seconds / period) + 1]
-    steps = len(clock) - 1
-    q = np.empty((steps + 1, len(data["q_start"])))
+
+    def asked(k: int, q: np.ndarray) -> Targets:
+        return Targets(p[k], v_d[k], a_d[k], (p[k + 1] - p[k]) / period)
+
+    done = loop(controller, data["q_start"], len(clock) - 1, period, asked)
+    return done | {"time": clock, "p": p[: len(clock)]}
+
+
+def loop(
+    controller: Controller,
+    start: np.ndarray,
+    steps: int,
+    period: float,
+    asked: Callable[[int, np.ndarray], object],
+) -> dict[str, np.ndarray]:
+    """T steps from rest at start (n,).
+
+    Args:
+        controller: whose `solve` is called.
+        start, steps, period: positions [rad], T, and [s].
+        asked: what it is asked at t_k, where the robot is at q.
+
+    Returns:
+        q and v (T + 1, n); step_time (T,) [s], the processor time of all threads in
+        the step, which does not count what other programs take; no_answer (T,).
+    """
+    q = np.empty((steps + 1, len(start)))
     v = np.zeros_like(q)
-    q[0] = data["q_start"]
+    q[0] = start
     step_time, no_answer = np.empty(steps), np.zeros(steps, dtype=bool)
     controller.reset(q[0])
     for k in range(steps):
-        targets = Targets(p[k], v_d[k], a_d[k], (p[k + 1] - p[k]) / period)
-        start = time.process_time()
+        targets = asked(k, q[k])
+        began = time.process_time()
         try:
             command = controller.solve(q[k], v[k], targets)
         except NoAnswer:
             command = None
-        step_time[k] = time.process_time() - start
-        if command is None or not np.isfinite(command).all():
-            no_answer[k] = True
-        elif controller.commands == "velocity":
-            v[k + 1] = command
-        else:
-            v[k + 1] = v[k] + period * command
-        q[k + 1] = q[k] + period * v[k + 1]
-    return {
-        "time": clock,
-        "q": q,
-        "v": v,
-        "p": p[: steps + 1],
-        "step_time": step_time,
-        "no_answer": no_answer,
-    }
+        step_time[k] = time.process_time() - began
+        no_answer[k] = command is None or not np.isfinite(command).all()
+        q[k + 1], v[k + 1] = controller.after(
+            q[k], v[k], None if no_answer[k] else command, period
+        )
+    return {"q": q, "v": v, "step_time": step_time, "no_answer": no_answer}
 
 
 class Filter(Controller):
@@ -184,32 +209,22 @@ class Filter(Controller):
 
         Step times and failures are those of whole frames.
         """
-        data = np.load(case)
+        data, parts = np.load(case), self.steps
         clock, wanted = data["time"], data["q"]
-        steps = len(clock) - 1
-        q, v = np.empty_like(wanted), np.zeros_like(wanted)
-        q[0] = data["q_start"]
-        step_time, no_answer = np.zeros(steps), np.zeros(steps, dtype=bool)
-        here, speed = q[0], v[0]
-        for k in range(steps):
-            for part in range(1, self.steps + 1):
-                goal = wanted[k] + part / self.steps * (wanted[k + 1] - wanted[k])
-                start = time.process_time()
-                try:
-                    speed = self.solve(here, speed, goal)
-                except NoAnswer:
-                    speed, no_answer[k] = np.zeros_like(here), True
-                step_time[k] += time.process_time() - start
-                if not np.isfinite(speed).all():
-                    speed, no_answer[k] = np.zeros_like(here), True
-                here = here + self.period * speed
-            q[k + 1], v[k + 1] = here, speed
+
+        def asked(k: int, q: np.ndarray) -> np.ndarray:
+            frame, part = divmod(k, parts)
+            way = wanted[frame + 1] - wanted[frame]
+            return wanted[frame] + (part + 1) / parts * way
+
+        frames = len(clock) - 1
+        done = loop(self, data["q_start"], frames * parts, self.period, asked)
         return {
             "time": clock,
-            "q": q,
-            "v": v,
-            "step_time": step_time,
-            "no_answer": no_answer,
+            "q": done["q"][::parts],
+            "v": done["v"][::parts],
+            "step_time": done["step_time"].reshape(frames, parts).sum(axis=1),
+            "no_answer": done["no_answer"].reshape(frames, parts).any(axis=1),
         }
 
 
@@ -242,6 +257,11 @@ class Guard(Controller):
 
     GAIN = 3.0  # [1/s]
 
+    def solve(
+        self, q: np.ndarray, v: np.ndarray, targets: tuple[np.ndarray, Spheres]
+    ) -> np.ndarray:
+        return self.guard(q, *targets)
+
     def guard(self, q: np.ndarray, v: np.ndarray, spheres: Spheres) -> np.ndarray:
         """The command (n,) in place of v (n,) for one period; raises NoAnswer."""
         raise NotImplementedError
@@ -251,34 +271,17 @@ class Guard(Controller):
     ) -> dict[str, np.ndarray]:
         """Runs a case; what `run` returns, without targets."""
         data = dict(np.load(case))
+        centres = data["centres"]
+
+        def asked(k: int, q: np.ndarray) -> tuple[np.ndarray, Spheres]:
+            moved = (centres[k] - centres[max(k - 1, 0)]) / period
+            seen = Spheres(centres[k], moved, data["radii"], data["speeds"])
+            wanted = self.GAIN * (data["q"][k] - q)
+            return np.clip(wanted, -data["fastest"], data["fastest"]), seen
+
         steps = len(data["time"]) - 1
-        q = np.empty((steps + 1, len(data["q_start"])))
-        v, step_time = np.zeros_like(q), np.empty(steps)
-        no_answer = np.zeros(steps, dtype=bool)
-        q[0], before = data["q_start"], data["centres"][0]
-        self.reset(q[0])
-        for k in range(steps):
-            centres = data["centres"][k]
-            moved = (centres - before) / period
-            seen = Spheres(centres, moved, data["radii"], data["speeds"])
-            wanted = self.GAIN * (data["q"][k] - q[k])
-            wanted = np.clip(wanted, -data["fastest"], data["fastest"])
-            start = time.process_time()
-            try:
-                v[k + 1] = self.guard(q[k], wanted, seen)
-            except NoAnswer:
-                no_answer[k] = True
-            step_time[k] = time.process_time() - start
-            if not np.isfinite(v[k + 1]).all():
-                v[k + 1], no_answer[k] = 0.0, True
-            q[k + 1], before = q[k] + period * v[k + 1], centres
-        return {
-            "time": data["time"],
-            "q": q,
-            "v": v,
-            "step_time": step_time,
-            "no_answer": no_answer,
-        }
+        done = loop(self, data["q_start"], steps, period, asked)
+        return done | {"time": data["time"]}
 
 
 def made_of(job: dict, problem: Path) -> str:

@@ -16,18 +16,17 @@ one that changes the joints the least. All are judged as `crar-drake judge` does
 import json
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.page import Benchmark, Table
+from benchmarks.cleaning import degrees, lengths
+from benchmarks.page import Benchmark, Table, run
 from benchmarks.peers.compare import (
     Entry,
-    PeerError,
     add_peer_options,
     recorded,
-    run_command,
 )
 from benchmarks.peers.peers import MARGIN, Peer, every
 from benchmarks.peers.problem import finite_or_none, write_robot
@@ -260,7 +259,6 @@ def row(
     settings: dict | None = None,
     no_answer: int = 0,
     seconds: float = np.inf,
-    every: float | None = None,
 ) -> Row:
     """Judges what a filter made of a reference.
 
@@ -269,9 +267,8 @@ def row(
         judge: with or without meshes.
         name, settings, no_answer: see `Row`.
         seconds: that the filter took [s].
-        every: time between frames whose meshes are judged [s]; by default all are.
     """
-    verdict: ReferenceVerdict = judge.judge(motion, every)
+    verdict: ReferenceVerdict = judge.judge(motion)
     return Row(
         motion="",
         name=name,
@@ -316,18 +313,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "motions", type=Path, help="a robot motion, or a folder of such"
     )
-    parser.add_argument(
-        "--every",
-        type=float,
-        help="judge meshes every so many seconds, not in all frames",
-    )
-    parser.add_argument("--no-meshes", action="store_true", help="judge capsules alone")
     parser.add_argument("--only", default="", help="filters whose names contain this")
-    parser.add_argument(
-        "--taken",
-        type=Path,
-        help="filters.json of an earlier run: try the settings alone that it took",
-    )
     arguments = benchmark.parse(argv, lambda _: "filters")
     description = load_robot_description(arguments.robot).without_ground()
     robot = WholeBody(description)
@@ -344,8 +330,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     tried: dict[str, dict[str, list[Tried]]] = {}
     versions: dict[str, str] = {}
     peers = [peer for peer in FILTERS if arguments.only in peer.name]
-    rows = entries(peers, list(references), arguments.taken)
-    for entry, found in recorded(rows, periods, arguments, out / "problem", keep=True):
+    grids = [
+        Entry(f"{peer.name} {i}", peer, dict.fromkeys(references, one))
+        for peer in peers
+        for i, one in enumerate(peer.grid)
+    ]
+    for entry, found in recorded(grids, periods, arguments, out / "problem", keep=True):
         of_peer = tried.setdefault(entry.peer.name, {name: [] for name in references})
         for name, result in found.items():
             versions |= json.loads(str(result["versions"]))
@@ -360,14 +350,13 @@ def main(argv: Sequence[str] | None = None) -> None:
                     float(result["step_time"].sum()),
                 )
             )
-    judge = ReferenceJudge(description, meshes=not arguments.no_meshes)
-    every = arguments.every
+    judge = ReferenceJudge(description)
     made: dict[str, list[Row]] = {}
     for name, reference in references.items():
         after, seconds = ours[name]
         made[name] = [
-            row(reference, reference, judge, every=every),
-            row(reference, after, judge, OURS, seconds=seconds, every=every),
+            row(reference, reference, judge),
+            row(reference, after, judge, OURS, seconds=seconds),
         ]
         for peer, of_peer in tried.items():
             taken = best(of_peer[name])
@@ -380,46 +369,9 @@ def main(argv: Sequence[str] | None = None) -> None:
                     taken.settings,
                     taken.no_answer,
                     taken.seconds,
-                    every,
                 )
             )
-    with whole_file(out / "filters.json") as temporary:
-        told = {name: [asdict(r) for r in each] for name, each in made.items()}
-        temporary.write_text(json.dumps(told, indent=1))
     benchmark.report(*tables_and_versions(made, versions))
-
-
-def entries(
-    peers: Sequence[Peer], names: Sequence[str], taken: Path | None
-) -> list[Entry]:
-    """Every setting of the peers' grids on every motion; or of each motion the one that
-    an earlier run took.
-
-    Args:
-        peers: which.
-        names: of the motions.
-        taken: `filters.json` of that run; None for the grids.
-
-    Raises:
-        PeerError: it cannot be read, or lacks a peer or a motion.
-    """
-    if taken is None:
-        return [
-            Entry(f"{peer.name} {i}", peer, dict.fromkeys(names, settings))
-            for peer in peers
-            for i, settings in enumerate(peer.grid)
-        ]
-    try:
-        told = json.loads(taken.read_text())
-        of = {name: {r["name"]: r["settings"] for r in told[name]} for name in names}
-        return [
-            Entry(f"{peer.name} taken", peer, {n: of[n][peer.name] for n in names})
-            for peer in peers
-        ]
-    except (OSError, ValueError) as error:
-        raise PeerError(f"{taken}: {error}") from None
-    except (KeyError, TypeError) as error:
-        raise PeerError(f"{taken}: has no settings of {error}") from None
 
 
 def tables_and_versions(
@@ -467,11 +419,9 @@ def cells(motion: str, row: Row) -> list[str]:
         str(row.capsule_frames),
         str(row.beyond),
         str(row.no_answer),
-        "{:.2f}° / {:.1f}°".format(
-            *np.degrees([change.joints_rms, change.joints_worst])
-        ),
-        _millimetres(change.feet_rms, change.feet_worst),
-        _millimetres(change.hands_rms, change.hands_worst),
+        degrees(change.joints_rms, change.joints_worst),
+        lengths(change.feet_rms, change.feet_worst),
+        lengths(change.hands_rms, change.hands_worst),
         f"{change.jerk:.0f} rad/s³",
         f"{row.times_real_time:.1f}",
     ]
@@ -501,9 +451,5 @@ def _depth(depth: float) -> str:
     return f"{1e3 * depth:.1f} mm" if depth else "none"
 
 
-def _millimetres(rms: float, worst: float) -> str:
-    return f"{1e3 * rms:.1f} / {1e3 * worst:.1f} mm"
-
-
 if __name__ == "__main__":
-    run_command(main)
+    run(main)

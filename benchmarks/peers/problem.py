@@ -1,7 +1,5 @@
 """Writes the one problem that all controllers are given, to a folder.
 
-    python -m benchmarks.peers.problem out/peers/problem
-
 The folder holds the robot (`robot.urdf` for Drake, `robot_pinocchio.urdf`,
 `robot_mujoco.xml`), `collisions.json` (the watched pairs, in PlaCo's format),
 `problem.json` (names, limits, gains that are common) and, for each case, `CASE.npz`:
@@ -13,7 +11,6 @@ The drivers of the peers read these and need nothing else of this project.
 """
 
 import json
-import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -73,7 +70,7 @@ def write_problem(folder: Path, robot: str = ROBOT, on_a_base: bool = False) -> 
         "rest": model.rest_positions().tolist(),
         "cases": CASES if robot == ROBOT else {},
     }
-    _write(folder / "problem.json", json.dumps(problem, indent=1))
+    write_whole(folder / "problem.json", json.dumps(problem, indent=1))
     if robot != ROBOT:
         return
     for name, motion in joint_motions(model).items():
@@ -107,10 +104,12 @@ def write_robot(
     )
     if on_a_base:
         robot_files.on_a_base(urdf, **BASE)
-    _write(folder / "robot.urdf", robot_files.drake_urdf(urdf))
-    _write(folder / "robot_pinocchio.urdf", robot_files.pinocchio_urdf(urdf))
-    _write(folder / "robot_mujoco.xml", robot_files.mjcf(urdf, links))
-    _write(folder / "collisions.json", json.dumps(_unscoped_pairs(robot), indent=1))
+    write_whole(folder / "robot.urdf", robot_files.drake_urdf(urdf))
+    write_whole(folder / "robot_pinocchio.urdf", robot_files.pinocchio_urdf(urdf))
+    write_whole(folder / "robot_mujoco.xml", robot_files.mjcf(urdf, links))
+    write_whole(
+        folder / "collisions.json", json.dumps(_unscoped_pairs(robot), indent=1)
+    )
     return robot_files.root_link(urdf)
 
 
@@ -241,14 +240,3 @@ def task_targets(
 def finite_or_none(values: np.ndarray) -> list[float | None]:
     """JSON has no infinity."""
     return [float(x) if np.isfinite(x) else None for x in values]
-
-
-def _write(path: Path, text: str) -> None:
-    write_whole(path, text)
-
-
-if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("usage: python -m benchmarks.peers.problem FOLDER")
-    write_problem(Path(sys.argv[1]))
-    print(f"{sys.argv[1]}: robot and {', '.join(CASES)}")

@@ -1,15 +1,13 @@
-"""The comparison as tables for the terminal and as the page in docs/."""
+"""The tables of the comparison."""
 
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from rich.table import Table
 
-from benchmarks import page
+from benchmarks.page import Table
 from benchmarks.peers.judge import Figures
-from benchmarks.peers.problem import CASES
 
 
 @dataclass(frozen=True)
@@ -100,20 +98,6 @@ def cells(row: Row) -> list[str]:
     ]
 
 
-def tables(rows: Sequence[Row]) -> list[Table]:
-    """A table per case, for the terminal."""
-    made = []
-    for case, what in CASES.items():
-        table = Table(title=f"{case}: {what}", title_justify="left")
-        for column in HEADER:
-            table.add_column(column)
-        for row in rows:
-            if row.case == case:
-                table.add_row(*cells(row))
-        made.append(table)
-    return made
-
-
 TITLES = {
     "crossing": "Hands swung through each other and the chest",
     "start_inside": "The same swing, from a start 15 mm inside",
@@ -121,30 +105,26 @@ TITLES = {
 }
 
 
-def page_part(
-    rows: Sequence[Row], chosen: dict[str, dict[str, dict]], command: str
-) -> page.Part:
-    """What the page keeps.
+def tables(rows: Sequence[Row], chosen: dict[str, dict[str, dict]]) -> list[Table]:
+    """The figures of all controllers and cases, and how they were set.
 
     Args:
         rows: of all controllers and cases.
         chosen: what tuning kept.
-        command: that measured them.
     """
     found = [
-        page.Table(HEADER, [cells(row) for row in rows if row.case == case], title)
+        Table(HEADER, [cells(row) for row in rows if row.case == case], title)
         for case, title in TITLES.items()
     ]
     found.insert(1, _grids(chosen))
     names = dict.fromkeys(row.name for row in rows)
     notes = [[name, NOTES[name]] for name in names if name in NOTES]
-    found.append(page.Table(["controller", "what it is"], notes, "Controllers"))
+    found.append(Table(["controller", "what it is"], notes, "Controllers"))
     found.append(_settings(rows))
-    machine = f"{page.machine_line()}; {_versions(rows)}"
-    return page.Part(command, machine, page.version_line(), found)
+    return found
 
 
-def _grids(chosen: dict[str, dict[str, dict]]) -> page.Table:
+def _grids(chosen: dict[str, dict[str, dict]]) -> Table:
     """What the grids reached on the first case."""
 
     def both(figures: dict[str, float] | None) -> str:
@@ -153,7 +133,7 @@ def _grids(chosen: dict[str, dict[str, dict]]) -> page.Table:
         error, acceleration = 1e3 * figures["error"], figures["acceleration"]
         return f"{error:.1f} mm, {acceleration:.1f} rad/s²"
 
-    return page.Table(
+    return Table(
         ("controller", "tried", "held", "least error", "least rms acceleration"),
         [
             [name, str(one["tried"]), str(one["held"])]
@@ -164,7 +144,7 @@ def _grids(chosen: dict[str, dict[str, dict]]) -> page.Table:
     )
 
 
-def _settings(rows: Sequence[Row]) -> page.Table:
+def _settings(rows: Sequence[Row]) -> Table:
     """The settings of each controller, once where all cases have the same."""
     lines = []
     for name in dict.fromkeys(row.name for row in rows):
@@ -173,7 +153,7 @@ def _settings(rows: Sequence[Row]) -> page.Table:
             lines.append([name, "all cases", _as_code(own[0].settings)])
         else:
             lines += [[name, row.case, _as_code(row.settings)] for row in own]
-    return page.Table(["controller", "case", "settings"], lines, "Settings")
+    return Table(["controller", "case", "settings"], lines, "Settings")
 
 
 def _as_code(settings: dict) -> str:
@@ -181,7 +161,7 @@ def _as_code(settings: dict) -> str:
     return f"`{json.dumps(settings)}`" if settings else "as they come"
 
 
-def _versions(rows: Sequence[Row]) -> str:
+def versions(rows: Sequence[Row]) -> str:
     """Distributions and versions that took part."""
     found = {pair for row in rows for pair in row.versions.items()}
     ordered = sorted(found, key=lambda pair: (pair[0] != "python", pair))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -64,24 +64,20 @@ class Crar(Controller):
         self.law.reset()
 
     def solve(self, q: np.ndarray, v: np.ndarray, targets: Targets) -> np.ndarray:
-        return self._step(q, v, targets).acceleration
+        desired = (targets.p.ravel(), targets.v.ravel(), targets.a.ravel())
+        solution = self.law.step(q, v, np.concatenate(desired))
+        return solution.actuation if self.torque else solution.acceleration
 
     def record(
         self, case: Path, period: float, seconds: float | None
     ) -> dict[str, np.ndarray]:
-        if not self.torque:
-            return run(self, case, period, seconds)
-        return self._simulate(case, period, seconds)
+        if self.torque:
+            self.after = self._on_a_plant(np.load(case)["q_start"])
+        return run(self, case, period, seconds)
 
-    def _step(self, q, v, targets):
-        desired = (targets.p.ravel(), targets.v.ravel(), targets.a.ravel())
-        return self.law.step(q, v, np.concatenate(desired))
-
-    def _simulate(
-        self, case: Path, period: float, seconds: float | None
-    ) -> dict[str, np.ndarray]:
-        """The torque, held for a period, on a plant without contact and limits, so
-        that nothing but the controller keeps it from a violation."""
+    def _on_a_plant(self, start: np.ndarray) -> Callable:
+        """What `after` is for torques, held for a period: on a plant without contact
+        and limits, so that nothing but the controller keeps it from a violation."""
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, PLANT_STEP)
         add_robot(plant, self.description)
@@ -99,42 +95,18 @@ class Crar(Controller):
         )
         simulator = Simulator(builder.Build())
         context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-        plant.SetPositions(context, np.load(case)["q_start"])
+        plant.SetPositions(context, start)
         actuation = plant.get_actuation_input_port()
         actuation.FixValue(context, np.zeros(plant.num_actuators()))
         simulator.Initialize()
 
-        def advance(solution) -> np.ndarray:
-            actuation.FixValue(context, solution.actuation)
+        def after(q, v, torque, period: float) -> tuple[np.ndarray, np.ndarray]:
+            actuation.FixValue(context, torque)
             simulator.AdvanceTo(simulator.get_context().get_time() + period)
-            return plant.GetPositionsAndVelocities(context)
+            x = plant.GetPositionsAndVelocities(context)
+            return x[: len(q)], x[len(q) :]
 
-        return self._closed_loop(case, period, seconds, advance)
-
-    def _closed_loop(self, case, period, seconds, advance) -> dict[str, np.ndarray]:
-        data = np.load(case)
-        stride = round(period / (data["time"][1] - data["time"][0]))
-        clock, p, v_d, a_d = (data[key][::stride] for key in ("time", "p", "v", "a"))
-        steps = len(clock) - 1 if seconds is None else round(seconds / period)
-        n = len(data["q_start"])
-        x = np.zeros((steps + 1, 2 * n))
-        x[0, :n] = data["q_start"]
-        step_time = np.empty(steps)
-        self.law.reset()
-        for k in range(steps):
-            targets = Targets(p[k], v_d[k], a_d[k], v_d[k])
-            start = time.process_time()
-            solution = self._step(x[k, :n], x[k, n:], targets)
-            step_time[k] = time.process_time() - start
-            x[k + 1] = advance(solution)
-        return {
-            "time": clock[: steps + 1],
-            "q": x[:, :n],
-            "v": x[:, n:],
-            "p": p[: steps + 1],
-            "step_time": step_time,
-            "no_answer": np.zeros(steps, dtype=bool),
-        }
+        return after
 
 
 if __name__ == "__main__":

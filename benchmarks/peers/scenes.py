@@ -26,18 +26,18 @@ from pathlib import Path
 import numpy as np
 from rich.progress import track
 
-from benchmarks.page import Benchmark, Table
+from benchmarks.page import Benchmark, Table, run
 from benchmarks.peers.attacked import slow_down
 from benchmarks.peers.compare import (
     add_peer_options,
     drive,
     environment,
     job,
-    run_command,
 )
 from benchmarks.peers.peers import ENVIRONMENTS, MARGIN, Peer, every
 from benchmarks.peers.problem import describe, write_problem
 from crar_drake import load_robot_description
+from crar_drake.commands.options import count
 from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
 from crar_drake.files import whole_file, write_whole
 from crar_drake.judging.obstacle_judge import ObstacleJudge
@@ -334,12 +334,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.peers.scenes", __doc__, "scenes")
     parser = benchmark.parser
     add_peer_options(parser, "out/scenes")
-    parser.add_argument("--seeds", type=int, default=4, help="of each kind of scene")
+    parser.add_argument("--seeds", type=count, default=4, help="of each kind of scene")
     parser.add_argument("--tune", action="store_true", help="choose settings anew")
     parser.add_argument("--only", default="", help="filters whose names contain this")
     arguments = benchmark.parse(argv, lambda given: given.only or "scenes")
-    if arguments.seeds < 1:
-        parser.error(f"--seeds {arguments.seeds}: must be at least 1")
     guards = [guard for guard in GUARDS if arguments.only in guard.name]
     out = arguments.out.resolve()
     stages = {
@@ -348,8 +346,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     first = TUNED_ON if arguments.tune else 0
     cases: dict[str, list[str]] = {}
     for scene, (moves, spheres, speed) in SCENES.items():
-        if moves not in stages:
-            continue
         kind = f"{'moving' if moves else 'fixed'}_{spheres}_{speed:g}"
         cases[scene] = [f"{kind}_{first + i}" for i in range(arguments.seeds)]
         for i, name in enumerate(cases[scene]):
@@ -369,12 +365,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         guard.name: judged(guard, [settings[guard.name]], stages, cases, arguments)[0]
         for guard in track(guards, "filters")
     }
-    with whole_file(out / "scenes.json") as temporary:
-        told = {
-            name: {scene: asdict(harm) for scene, harm in of.items()}
-            for name, of in found.items()
-        }
-        temporary.write_text(json.dumps(told, indent=1))
     tables = [
         Table(
             HEADER,
@@ -432,4 +422,4 @@ def judged(
 
 
 if __name__ == "__main__":
-    run_command(main)
+    run(main)

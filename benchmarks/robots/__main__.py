@@ -16,25 +16,20 @@ names some.
 """
 
 import argparse
-import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from benchmarks.page import check_part, command_line, run, write_part
+from benchmarks.page import Benchmark, run
 from benchmarks.robots.catalogue import SUBJECTS, Subject, folder_name
-from benchmarks.robots.page import page_part
+from benchmarks.robots.page import tables, told, versions
 from benchmarks.robots.sheet import write_sheet
 from benchmarks.robots.trial import Outcome, load_outcome, try_robot
 from crar_drake.fresh_processes import FreshProcesses
 
 
-def main() -> None:
-    """Does what the command line says."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.robots",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def main(argv: Sequence[str] | None = None) -> None:
+    benchmark = Benchmark("benchmarks.robots", __doc__, "robots")
+    parser = benchmark.parser
     parser.add_argument("--out", type=Path, default=Path("out/robots"))
     parser.add_argument("--motion", default="cmu:05_02")
     parser.add_argument("--duration", type=float, help="of each run, at most [s]")
@@ -43,10 +38,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="robots at a time")
     parser.add_argument("--tell-only", action="store_true", help="what has a result")
     parser.add_argument("--sheets", type=Path, help="folder for pictures of the runs")
-    parser.add_argument("--page", type=Path, help="a page whose tables to renew")
-    arguments = parser.parse_args()
-    if arguments.page is not None:
-        check_part(arguments.page, "robots")
+    arguments = benchmark.parse(argv, lambda _: "robots")
     subjects = _chosen(parser, arguments.only)
     outcomes: dict[str, Outcome] = {}
     with FreshProcesses(arguments.jobs) as pool:
@@ -78,10 +70,7 @@ def main() -> None:
                 sheet = arguments.sheets / f"{name}.png"
                 write_sheet(subject, outcome, arguments.out / name, sheet)
     tried = [(s, outcomes[s.name]) for s in subjects if s.name in outcomes]
-    part = page_part(tried, command_line("benchmarks.robots", sys.argv[1:], "robots"))
-    print(part.markdown())
-    if arguments.page is not None:
-        write_part(arguments.page, "robots", part)
+    benchmark.report(tables(tried), told(tried), versions())
 
 
 def _chosen(parser: argparse.ArgumentParser, only: str | None) -> list[Subject]:

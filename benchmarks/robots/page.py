@@ -4,7 +4,7 @@ import importlib.metadata
 import math
 from collections.abc import Sequence
 
-from benchmarks import page
+from benchmarks.page import Table
 from benchmarks.robots.catalogue import SUBJECTS, Subject
 from benchmarks.robots.trial import TOOL, WHOLE_BODY, Outcome
 from benchmarks.robots.verdicts import NOT_LOOKED_AT, verdict
@@ -29,18 +29,27 @@ _HEADER = (
 _PAIRS = 2  # whose meshes penetrate, that are named
 
 
-def page_part(tried: Sequence[tuple[Subject, Outcome]], command: str = "") -> page.Part:
-    """What became of the robots, as the page keeps it.
-
-    Args:
-        tried: robots and what became of them.
-        command: that tried them.
-    """
+def tables(tried: Sequence[tuple[Subject, Outcome]]) -> list[Table]:
+    """A row for each robot; who dances, arms, and who could not."""
     ran = [(s, o) for s, o in tried if not o.why]
-    stopped = [(s, o) for s, o in tried if o.why]
+    dancing = [_row(s, o) for s, o in ran if o.task != TOOL]
+    arms = [_short(_row(s, o)) for s, o in ran if o.task == TOOL]
+    stopped = [[s.name, s.package, s.kind, o.why] for s, o in tried if o.why]
+    shown = [
+        Table(_HEADER, dancing, "Dancing"),
+        Table(_short(_HEADER), arms, "Arms"),
+        Table(
+            ("robot", "package", "what it is", "why"), stopped, "Those that could not"
+        ),
+    ]
+    return [table for table in shown if table.rows]
+
+
+def told(tried: Sequence[tuple[Subject, Outcome]]) -> str:
+    """How many robots did what, in sentences."""
+    ran = [(s, o) for s, o in tried if not o.why]
     dancing = [(s, o) for s, o in ran if o.task != TOOL]
-    arms = [(s, o) for s, o in ran if o.task == TOOL]
-    clean = sum(not o.violations for _, o in ran)
+    arms, clean = len(ran) - len(dancing), sum(not o.violations for _, o in ran)
     said = [verdict(s.name, o) for s, o in dancing]
     looked_at = len(said) - said.count(NOT_LOOKED_AT)
     kept_clear = sum(
@@ -48,7 +57,7 @@ def page_part(tried: Sequence[tuple[Subject, Outcome]], command: str = "") -> pa
     )
     found = (
         f"Of {len(SUBJECTS)} robots in the catalogue {len(tried)} were tried. "
-        f"{len(ran)} of these ran, {len(dancing)} the dance and {len(arms)} an arm's "
+        f"{len(ran)} of these ran, {len(dancing)} the dance and {arms} an arm's "
         f"task, {clean} without any violation. The pictures of {looked_at} dancers "
         f"were looked at: {said.count('yes')} dance recognisably, {kept_clear} of them "
         "without a violation of capsules, limits or speeds."
@@ -56,19 +65,18 @@ def page_part(tried: Sequence[tuple[Subject, Outcome]], command: str = "") -> pa
     known = {subject.name for subject, _ in tried}
     if untried := [s.name for s in SUBJECTS if s.name not in known]:
         found += f" Not tried: {'; '.join(untried)}."
-    tables = [
-        page.Table(_HEADER, [_row(s, o) for s, o in dancing], "Dancing"),
-        page.Table(_short(_HEADER), [_short(_row(s, o)) for s, o in arms], "Arms"),
-        page.Table(
-            ("robot", "package", "what it is", "why"),
-            [[s.name, s.package, s.kind, o.why] for s, o in stopped],
-            "Those that could not",
-        ),
-    ]
-    packages = sorted({subject.package for subject in SUBJECTS})
-    law = f"{_versions(packages)}; {page.version_line()}"
-    shown = [table for table in tables if table.rows]
-    return page.Part(command, page.machine_line(), law, shown, found)
+    return found
+
+
+def versions() -> str:
+    """Which versions of the robots' packages these were."""
+    found = []
+    for package in sorted({subject.package for subject in SUBJECTS}):
+        try:
+            found.append(f"{package} {importlib.metadata.version(package)}")
+        except importlib.metadata.PackageNotFoundError:
+            found.append(f"{package} (not installed)")
+    return ", ".join(found)
 
 
 def _short(row: Sequence[str]) -> list[str]:
@@ -123,14 +131,3 @@ def _mm(metres: float | None, digits: int = 0) -> str:
     if metres is None or not math.isfinite(metres):
         return "–"
     return f"{1e3 * metres:.{digits}f} mm"
-
-
-def _versions(packages: Sequence[str]) -> str:
-    """Which versions this was."""
-    found = []
-    for package in packages:
-        try:
-            found.append(f"{package} {importlib.metadata.version(package)}")
-        except importlib.metadata.PackageNotFoundError:
-            found.append(f"{package} (not installed)")
-    return f"Versions: {', '.join(found)}"

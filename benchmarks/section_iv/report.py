@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import describe_machine
+from benchmarks.page import describe_machine
 from benchmarks.section_iv.csv_tables import TABLES
 from benchmarks.section_iv.findings import Finding
 from benchmarks.section_iv.plan import (

@@ -8,14 +8,14 @@ import dataclasses
 import json
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Executor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.section_iv.plan import REDUNDANCY, Plan, Simulation
+from benchmarks.section_iv.plan import Plan, Simulation
 from benchmarks.sweep.cases import Case, Result, failed, judge
 from crar_drake.errors import CrarError
 from crar_drake.files import write_whole
@@ -43,8 +43,6 @@ class Details:
 
     Attributes:
         violated_share: of the samples, with any violation.
-        most_violations: at one sample: limits plus penetrating pairs, as in Fig. 2.
-        above_redundancy: share of the samples with more than five.
         error_in_violation, error_otherwise: rms task error over the samples that
             violate a constraint, and over the others [m].
         squared_error_in_violation: share of the squared error, over samples, that
@@ -61,8 +59,6 @@ class Details:
     """
 
     violated_share: float
-    most_violations: int
-    above_redundancy: float
     error_in_violation: float  # [m]
     error_otherwise: float  # [m]
     squared_error_in_violation: float
@@ -112,8 +108,6 @@ def analyse(log: SimulationLog, violations: np.ndarray) -> Details:
     spikes = np.argsort(torque)[-max(1, round(_SPIKES * len(torque))) :]
     return Details(
         violated_share=float(violated.mean()),
-        most_violations=int(violations.max()),
-        above_redundancy=float((violations > REDUNDANCY).mean()),
         error_in_violation=_rms(squared[violated]),
         error_otherwise=_rms(squared[~violated]),
         squared_error_in_violation=float(squared[violated].sum() / squared.sum()),
@@ -243,41 +237,27 @@ def _rms(squares: np.ndarray) -> float:
 
 
 def _to_json(outcome: Outcome) -> str:
-    details = asdict(outcome.details) if outcome.details else None
     record = {
         "version": __version__,
         "scenario": outcome.simulation.scenario,
-        "result": _without_nan(asdict(outcome.result)),
-        "details": details and _without_nan(details),
+        "result": asdict(outcome.result),
+        "details": asdict(outcome.details) if outcome.details else None,
     }
-    return json.dumps(record, indent=2, allow_nan=False) + "\n"
+    return json.dumps(record, indent=2) + "\n"
 
 
 def _from_json(text: str, simulation: Simulation) -> Outcome | None:
     """None if it is of another scenario or version."""
     record = json.loads(text)
-    if record["version"] != __version__:
-        return None
-    if record["scenario"] != simulation.scenario:
+    known = record["version"], record["scenario"]
+    if known != (__version__, simulation.scenario):
         return None
     details = record["details"]
     return Outcome(
         simulation,
-        Result(**_with_nan(record["result"])),
-        Details(**_with_nan(details)) if details else None,
+        Result(**record["result"]),
+        Details(**details) if details else None,
     )
-
-
-def _without_nan(values: Mapping) -> dict:
-    """NaN and infinity become null."""
-    return {
-        name: None if isinstance(v, float) and not math.isfinite(v) else v
-        for name, v in values.items()
-    }
-
-
-def _with_nan(values: Mapping) -> dict:
-    return {name: math.nan if v is None else v for name, v in values.items()}
 
 
 assert {f.name for f in dataclasses.fields(Details)}.isdisjoint(

@@ -270,47 +270,39 @@ def run_sweep(
             with other settings, or another sweep is writing to it.
         WriteError: `out` cannot be written. What is finished till then stays.
     """
-    with sole_writer(out):
-        return _run_sweep(cases, Path(out), scenario, executor, jobs, progress)
-
-
-def _run_sweep(
-    cases: Sequence[Case],
-    out: Path,
-    scenario: Scenario | None,
-    executor: Executor | None,
-    jobs: int | None,
-    progress: Callable[[int, int, Result], None] | None,
-) -> list[Result]:
-    """As `run_sweep`, where nobody else writes to `out`."""
+    out = Path(out)
     text = "" if scenario is None else scenario.to_yaml()
-    finished = {result.case: result for result in read_results(out) if not result.error}
-    waiting = [case for case in dict.fromkeys(cases) if case not in finished]
-    if scenario is not None:
-        _keep_settings(scenario, out)
-    _start_file(out, finished.values())
-    done = len(set(cases)) - len(waiting)
-    total = len(set(cases))
-    with given_or_fresh(executor, jobs) as pool, open(out, "ab", buffering=0) as stream:
-        futures: dict[Future, Case] = {
-            pool.submit(run_case, case, text): case for case in waiting
-        }
-        try:
-            for future in as_completed(futures):
-                try:
-                    result = future.result()
-                except RuntimeError as error:  # its process died
-                    result = _failed(futures[future], str(error))
-                _append(_line(result), stream.fileno(), out)
-                finished[result.case] = result
-                done += 1
-                if progress is not None:
-                    progress(done, total, result)
-        except BaseException:
-            for future in futures:
-                future.cancel()
-            raise
-    return [finished[case] for case in dict.fromkeys(cases)]
+    with sole_writer(out):
+        finished = {r.case: r for r in read_results(out) if not r.error}
+        wanted = list(dict.fromkeys(cases))
+        waiting = [case for case in wanted if case not in finished]
+        if scenario is not None:
+            _keep_settings(scenario, out)
+        _start_file(out, finished.values())
+        done = len(wanted) - len(waiting)
+        with (
+            given_or_fresh(executor, jobs) as pool,
+            open(out, "ab", buffering=0) as stream,
+        ):
+            futures: dict[Future, Case] = {
+                pool.submit(run_case, case, text): case for case in waiting
+            }
+            try:
+                for future in as_completed(futures):
+                    try:
+                        result = future.result()
+                    except RuntimeError as error:  # its process died
+                        result = _failed(futures[future], str(error))
+                    _append(_line(result), stream.fileno(), out)
+                    finished[result.case] = result
+                    done += 1
+                    if progress is not None:
+                        progress(done, len(wanted), result)
+            except BaseException:
+                for future in futures:
+                    future.cancel()
+                raise
+    return [finished[case] for case in wanted]
 
 
 def read_results(path: str | os.PathLike[str]) -> list[Result]:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from benchmarks.page import Table as PageTable
 from benchmarks.sweep.cases import Result, read_results
 from benchmarks.sweep.figures import (
     Comparison,
@@ -25,7 +26,7 @@ from benchmarks.sweep.figures import (
     without_folders,
 )
 from benchmarks.sweep.plot import plot_sweep
-from benchmarks.tables import markdown_table, write_report
+from crar_drake.files import write_whole
 
 _MISSING = "–"
 
@@ -181,7 +182,7 @@ def markdown_report(
             [name, *(column[i][1] for column in cells)]
             for i, (name, _) in enumerate(cells[0])
         ]
-        text += f"\n## Modes, {experiment}\n\n{markdown_table(header, rows)}"
+        text += f"\n## Modes, {experiment}\n\n{PageTable(header, rows).markdown()}"
     comparisons = compare(results)
     if comparisons:
         text += _clip_tables(comparisons) + _exceptions(comparisons, reasons or {})
@@ -237,7 +238,7 @@ def _clip_tables(comparisons: Sequence[Comparison]) -> str:
             "samples penetrating",
             "samples beyond a limit",
         ]
-        text += f"\n### {experiment}, {against}\n\n{markdown_table(header, rows)}"
+        text += f"\n### {experiment}, {against}\n\n{PageTable(header, rows).markdown()}"
     return text
 
 
@@ -332,7 +333,10 @@ def main(argv: Sequence[str] | None = None) -> None:
             reasons = json.loads(arguments.reasons.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             parser.error(f"{arguments.reasons}: {error}")
-    write_report(markdown_report(results, reasons), arguments.out)
+    text = markdown_report(results, reasons)
+    print(text)
+    if arguments.out:
+        write_whole(arguments.out, text)
     if arguments.plot:
         plot_sweep(results, arguments.plot)
 

@@ -18,6 +18,7 @@ from crar_drake.commands.folders import (
 )
 from crar_drake.commands.options import UsageError, add_command, add_jobs, positive
 from crar_drake.commands.output import OUT, counted, final_line, label
+from crar_drake.errors import few
 
 if TYPE_CHECKING:
     from crar_drake.references.clean_file import CleanedClip
@@ -392,26 +393,19 @@ def balance_lines(clip: CleanedClip) -> list[str]:
 
 
 def _outside_lines(clip: CleanedClip) -> list[str]:
-    """Where the ground could not give what a motion takes, and its lifts of a foot."""
+    """Where the ground could not give what a motion takes, and its lifts of a foot; the
+    certificate has all of them."""
     lines = []
     if clip.outside_in:
-        lines.append(f"balance: outside in frames {_first(clip.outside_in)}")
+        first = few(clip.outside_in.split(", "), _MOST)
+        lines.append(f"balance: outside in frames {first}")
     for lifts in counted(clip.lifts, "lift", "of a foot"):
         which = "all balanced on the other"
         if clip.lifts_outside:
-            which = (
-                f"of which {clip.lifts_outside} not balanced on the other: "
-                f"{_first(clip.lifted_outside)}"
-            )
+            first = few(clip.lifted_outside.split(", "), _MOST)
+            which = f"of which {clip.lifts_outside} not balanced on the other: {first}"
         lines.append(f"balance: {lifts}, {which}")
     return lines
-
-
-def _first(words: str) -> str:
-    """The first ones of a list; its certificate has all."""
-    some = words.split(", ")
-    more = f" and {len(some) - _MOST} more" if len(some) > _MOST else ""
-    return ", ".join(some[:_MOST]) + more
 
 
 def _outside(length: float) -> str:

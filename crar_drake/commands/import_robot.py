@@ -97,21 +97,16 @@ def run(arguments: argparse.Namespace) -> None:
     if shipped is not None:
         robot = ""
         source, _ = find_urdf(load_choices(shipped).source)
-        if lock is not None:
-            raise ModelError(
-                f"the robot {given} comes with its locked joints; import its own file "
-                f"with that option: {source.stem}"
-            )
-        if arguments.base is not None:
-            raise ModelError(
-                f"the robot {given} comes with its base; import its own file with that "
-                f"option: {source.stem}"
-            )
-        if arguments.srdf:
-            raise ModelError(
-                f"the robot {given} comes with its rest posture and pairs; import its "
-                f"own file with that option: {source.stem}"
-            )
+        for refused, what in (
+            (lock is not None, "locked joints"),
+            (arguments.base is not None, "base"),
+            (arguments.srdf, "rest posture and pairs"),
+        ):
+            if refused:
+                raise ModelError(
+                    f"the robot {given} comes with its {what}; import its own file "
+                    f"with that option: {source.stem}"
+                )
         out = out or imported_robots_folder() / given
         kept = arguments.out is not None and (out / IMPORT_FILE).is_file()
         if not kept:

@@ -14,7 +14,7 @@ from crar_drake.commands.judge_references import (
 )
 from crar_drake.commands.options import add_command, add_robot, count, positive
 from crar_drake.commands.output import FAST, counted, final_line
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, few
 
 if TYPE_CHECKING:
     import numpy as np
@@ -177,12 +177,10 @@ def run_log(arguments: argparse.Namespace) -> int:
             print(line)
     unexamined = model.pairs.not_examined
     if unexamined and scenario.controller.constraints == "lookahead":
-        named = ", ".join(f"{a} - {b}" for a, b in unexamined[:_MOST_LINES])
-        more = len(unexamined) - _MOST_LINES
+        named = few([f"{a} - {b}" for a, b in unexamined], _MOST_LINES)
         print(
             "certificate: none: the controller does not examine the braking paths of "
-            f"{named}{f' and {more} more' if more > 0 else ''}, whose shapes are not "
-            "all capsules, spheres and convex hulls"
+            f"{named}, whose shapes are not all capsules, spheres and convex hulls"
         )
     touched = judge_obstacles(
         log, scenario, model.plant, model.scene_graph, description.pairs
@@ -242,20 +240,16 @@ def certificate_lines(verdict: CertificateVerdict) -> list[str]:
     lines.append(f"certificate: {claim}: NOT TRUE")
     if verdict.not_clear:
         lines.append(
-            f"  {_paths(verdict.not_clear)} said to be clear, but not: "
-            + _near(verdict.not_clear_worst, "worst ")
+            f"  {_counted(verdict.not_clear, 'braking path')} said to be clear, but "
+            "not: " + _near(verdict.not_clear_worst, "worst ")
         )
     if verdict.undercut:
         lines.append(
-            f"  {_paths(verdict.undercut)} nearer than said: "
+            f"  {_counted(verdict.undercut, 'braking path')} nearer than said: "
             + _near(verdict.undercut_worst, "worst ")
             + f", where at least {1e3 * verdict.undercut_claim:.3f} mm were claimed"
         )
     return lines
-
-
-def _paths(number: int) -> str:
-    return f"{number} braking path{'s' if number > 1 else ''}"
 
 
 def _near(place: Place, before: str, nothing: str = "") -> str:
@@ -329,7 +323,7 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
     if verdict.open_links:
         lines.append(
             "meshes that are not closed, so that what is inside of them is where they "
-            f"wind around at least half: {_some(verdict.open_links)}"
+            f"wind around at least half: {few(verdict.open_links, _MOST_LINES)}"
         )
     return lines
 
@@ -345,12 +339,6 @@ def _nearest(nearest: Nearest, times: np.ndarray) -> str:
 
 def _counted(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
-
-
-def _some(names: list[str]) -> str:
-    more = len(names) - _MOST_LINES
-    shown = ", ".join(names[:_MOST_LINES])
-    return f"{shown} and {more} more" if more > 0 else shown
 
 
 def _more(contacts: list[PairContact], which: str) -> list[str]:

@@ -204,6 +204,7 @@ def _show_footing(
     """Tells how the run of what floats stood on the floor once it was blended in, and
     writes that into a file."""
     import json
+    from dataclasses import asdict
 
     from crar_drake.files import write_whole
     from crar_drake.results.footing import footing
@@ -214,7 +215,7 @@ def _show_footing(
     found = footing(log, robot, blended)
     for line in found.lines():
         print(line)
-    write_whole(path, json.dumps(found.as_dict(), indent=2) + "\n")
+    write_whole(path, json.dumps(asdict(found), indent=2) + "\n")
     print(path)
 
 

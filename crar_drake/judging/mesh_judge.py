@@ -48,7 +48,7 @@ class Nearest:
     index: int | None = None
 
 
-@dataclass(frozen=True)
+@dataclass
 class PairContact:
     """A pair whose hulls or meshes meet in some samples of a trajectory.
 
@@ -63,12 +63,12 @@ class PairContact:
     """
 
     pair: tuple[str, str]
-    num_samples: int
-    index: int
-    hull_distance: float
-    mesh_distance: float
-    samples: tuple[int, ...] = ()
-    depths: tuple[float, ...] = ()
+    num_samples: int = 0
+    index: int = 0
+    hull_distance: float = np.inf
+    mesh_distance: float = np.inf
+    samples: list[int] = field(default_factory=list)
+    depths: list[float] = field(default_factory=list)
 
     @property
     def overestimate(self) -> float:
@@ -166,36 +166,23 @@ class MeshJudge:
             np.array([self._mesh_distance(poses, i, j) for i, j in self._indices]),
         )
 
-    def distance(self, q: np.ndarray, a: str, b: str) -> float:
-        """Signed distance of the meshes of two links, whether judged or not [m].
-
-        Args:
-            q: (nq,) positions of the plant.
-            a, b: of `links`.
-        """
-        i, j = self.links.index(a), self.links.index(b)
-        return self._mesh_distance(self._poses(q), i, j)
-
     def judge(self, q_trajectory: np.ndarray) -> MeshVerdict:
         """Judges every sample of a (T, nq) trajectory [rad or m]."""
-        tally = _Tally(len(self._indices))
+        tally = _Tally(self.pairs)
         for index, q in enumerate(q_trajectory):
             self._judge_sample(tally, index, q)
-        pairs = self.pairs
         return MeshVerdict(
             num_samples=len(q_trajectory),
-            num_pairs=len(pairs),
+            num_pairs=len(tally.pairs),
             num_penetrating=tally.num_penetrating,
-            nearest=tally.meshes.named(pairs),
+            nearest=tally.meshes,
             num_hulls_touching=tally.num_hulls_touching,
-            hulls_nearest=tally.hulls.named(pairs),
+            hulls_nearest=tally.hulls,
             penetrations=sorted(
-                (each.named(pairs[row]) for row, each in tally.penetrations.items()),
-                key=lambda contact: contact.mesh_distance,
+                tally.penetrations.values(), key=lambda contact: contact.mesh_distance
             ),
             refuted=sorted(
-                (each.named(pairs[row]) for row, each in tally.refuted.items()),
-                key=lambda contact: -contact.overestimate,
+                tally.refuted.values(), key=lambda contact: -contact.overestimate
             ),
             left_out=self.left_out,
             open_links=self.open_links,
@@ -246,7 +233,7 @@ class MeshJudge:
                 near.append((distance, row, motion))
         near.sort(key=lambda each: each[:2])
         if near:
-            tally.hulls.take(*near[0][:2], index)
+            tally.hulls = tally.nearer(tally.hulls, *near[0][:2], index)
             tally.num_hulls_touching += near[0][0] < 0.0
         penetrating = False
         for hull_distance, row, motion in near:
@@ -260,7 +247,7 @@ class MeshJudge:
                 continue
             d = mesh_distance(self._meshes[i], self._meshes[j], motion.X_AB)
             tally.meshes_known.tell(row, motion, d)
-            tally.meshes.take(d, row, index)
+            tally.meshes = tally.nearer(tally.meshes, d, row, index)
             if d < 0.0:
                 penetrating = True
                 tally.penetrate(row, index, hull_distance, d)
@@ -361,58 +348,25 @@ class _Known:
 
 
 @dataclass
-class _Least:
-    """The smallest distance so far [m]."""
-
-    distance: float = np.inf
-    row: int | None = None
-    index: int | None = None
-
-    def take(self, distance: float, row: int, index: int) -> None:
-        if distance < self.distance:
-            self.distance, self.row, self.index = float(distance), row, index
-
-    def named(self, pairs: list[tuple[str, str]]) -> Nearest:
-        pair = None if self.row is None else pairs[self.row]
-        return Nearest(self.distance, pair, self.index)
-
-
-@dataclass
-class _Contact:
-    """A pair's samples in contact, and the deepest of them."""
-
-    num_samples: int = 0
-    index: int = 0
-    hull_distance: float = np.inf
-    mesh_distance: float = np.inf
-    depths: dict[int, float] = field(default_factory=dict)
-
-    def named(self, pair: tuple[str, str]) -> PairContact:
-        return PairContact(
-            pair,
-            self.num_samples,
-            self.index,
-            self.hull_distance,
-            self.mesh_distance,
-            tuple(self.depths),
-            tuple(self.depths.values()),
-        )
-
-
-@dataclass
 class _Tally:
     """What is known of the samples so far, with pairs by their rows."""
 
-    num_pairs: int
+    pairs: list[tuple[str, str]]
     num_penetrating: int = 0
     num_hulls_touching: int = 0
-    meshes: _Least = field(default_factory=_Least)
-    hulls: _Least = field(default_factory=_Least)
-    penetrations: dict[int, _Contact] = field(default_factory=dict)
-    refuted: dict[int, _Contact] = field(default_factory=dict)
+    meshes: Nearest = Nearest()
+    hulls: Nearest = Nearest()
+    penetrations: dict[int, PairContact] = field(default_factory=dict)
+    refuted: dict[int, PairContact] = field(default_factory=dict)
     # Where pairs were measured last.
     hulls_known: _Known = field(default_factory=_Known)
     meshes_known: _Known = field(default_factory=_Known)
+
+    def nearer(self, known: Nearest, distance: float, row: int, index: int) -> Nearest:
+        """What is nearest, with one distance more."""
+        if distance < known.distance:
+            return Nearest(float(distance), self.pairs[row], index)
+        return known
 
     def is_deepest(self, row: int, hull_distance: float) -> bool:
         """Whether hulls penetrate deeper than where they were refuted before."""
@@ -425,7 +379,7 @@ class _Tally:
         """The meshes are apart, by a distance that may not have been asked for."""
         if not hull_distance < 0.0:
             return
-        contact = self.refuted.setdefault(row, _Contact())
+        contact = self.refuted.setdefault(row, PairContact(self.pairs[row]))
         contact.num_samples += 1
         if mesh_distance is not None and hull_distance < contact.hull_distance:
             contact.index, contact.hull_distance = index, hull_distance
@@ -434,9 +388,10 @@ class _Tally:
     def penetrate(
         self, row: int, index: int, hull_distance: float, mesh_distance: float
     ) -> None:
-        contact = self.penetrations.setdefault(row, _Contact())
+        contact = self.penetrations.setdefault(row, PairContact(self.pairs[row]))
         contact.num_samples += 1
-        contact.depths[index] = float(-mesh_distance)
+        contact.samples.append(index)
+        contact.depths.append(float(-mesh_distance))
         if mesh_distance < contact.mesh_distance:
             contact.index, contact.hull_distance = index, hull_distance
             contact.mesh_distance = mesh_distance

@@ -24,8 +24,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
 from crar_drake.errors import ModelError
-from crar_drake.judging.referee_distances import WorldAxis, distance_of_axes
-from crar_drake.judging.referee_hulls import Polytope, polytope
+from crar_drake.judging.referee_distances import Axis, distance_of_axes
+from crar_drake.judging.referee_hulls import polytope
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE, find_body
 
 
@@ -70,24 +70,6 @@ class Violations:
     largest_speed_excess: float = 0.0
     largest_speed_excess_joint: str | None = None
     largest_speed_excess_index: int | None = None
-
-
-@dataclass(frozen=True)
-class _Axis:
-    """The axis of a capsule (or sphere) in the frame of its body B; or a hull, whose
-    middle it is."""
-
-    p_B0: np.ndarray  # (3,) [m]
-    p_B1: np.ndarray  # (3,) [m]
-    radius: float  # [m]
-    hull: Polytope | None = None  # in B
-
-    @property
-    def ball(self) -> float:
-        """The radius of a ball about the axis' middle with all of the shape [m]."""
-        if self.hull is not None:
-            return float(np.linalg.norm(self.hull.points - self.p_B0, axis=1).max())
-        return math.dist(self.p_B0, self.p_B1) / 2.0 + self.radius
 
 
 class Referee:
@@ -150,7 +132,7 @@ class Referee:
 
         inspector = scene_graph.model_inspector()
         self._bodies: dict[str, RigidBody] = {}
-        self._axes: dict[str, list[_Axis]] = {}
+        self._axes: dict[str, list[Axis]] = {}
         for name in (name for pair in self.pairs for name in pair):
             if name not in self._bodies:
                 self._bodies[name] = find_body(plant, name)
@@ -169,18 +151,8 @@ class Referee:
         Raises:
             ValueError: q has another size, or is not finite.
         """
-        self.plant.SetPositions(self._context, self._checked(q))
-        axes_W = {name: self._axes_in_world(name) for name in self._bodies}
-        return np.array(
-            [
-                min(
-                    distance_of_axes(axis_a, axis_b)
-                    for axis_a in axes_W[a]
-                    for axis_b in axes_W[b]
-                )
-                for a, b in self.pairs
-            ]
-        )
+        found = self.distances_below(q, math.inf)
+        return np.array([found[column] for column in range(len(self.pairs))])
 
     def nearest(
         self, q: np.ndarray, bound: float = math.inf
@@ -276,7 +248,8 @@ class Referee:
 
         largest_excess, joint, joint_index = 0.0, None, None
         if np.any(excess > 0.0):
-            joint_index, column = _place(excess, int(np.argmax(excess)))
+            place = np.unravel_index(np.argmax(excess), excess.shape)
+            joint_index, column = map(int, place)
             largest_excess = excess[joint_index, column]
             joint = self.joint_names[column]
 
@@ -332,7 +305,7 @@ class Referee:
         beyond = (excess > SPEED_TOLERANCE).any(axis=1)
         found = dict(num_beyond_speed=int(beyond.sum()))
         if np.any(excess > 0.0):
-            index, column = _place(excess, int(np.argmax(excess)))
+            index, column = map(int, np.unravel_index(np.argmax(excess), excess.shape))
             found["largest_speed_excess"] = float(excess[index, column])
             found["largest_speed_excess_joint"] = self.velocity_names[column]
             found["largest_speed_excess_index"] = index
@@ -349,7 +322,7 @@ class Referee:
                 self._shapes.append((name, i))
         axes = [self._axes[name][i] for name, i in self._shapes]
         self._centres_B = {
-            name: np.array([(a.p_B0 + a.p_B1) / 2.0 for a in self._axes[name]])
+            name: np.array([(a.start + a.end) / 2.0 for a in self._axes[name]])
             for name in names
         }
         balls = np.array([axis.ball for axis in axes])
@@ -408,22 +381,15 @@ class Referee:
                 raise ValueError(f"position of joint {name!r} is {value}")
         return q
 
-    def _axes_in_world(self, name: str) -> list[WorldAxis]:
+    def _axes_in_world(self, name: str) -> list[Axis]:
         """Each shape of a body, in the present context."""
         X_WB = self.plant.EvalBodyPoseInWorld(self._context, self._bodies[name])
-        placed = []
-        for axis in self._axes[name]:
-            hull = axis.hull
-            if hull is not None:
-                hull = hull._replace(points=X_WB.multiply(hull.points.T).T)
-            ends = X_WB.multiply(axis.p_B0), X_WB.multiply(axis.p_B1)
-            placed.append(WorldAxis(*ends, axis.radius, hull))
-        return placed
+        return [axis.moved(X_WB) for axis in self._axes[name]]
 
 
 def _body_axes(
     plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody
-) -> list[_Axis]:
+) -> list[Axis]:
     """The collision shapes of a body as axes with a radius."""
     axes = []
     for geometry in plant.GetCollisionGeometriesForBody(body):
@@ -431,12 +397,12 @@ def _body_axes(
         X_BG = inspector.GetPoseInFrame(geometry)
         if isinstance(shape, HalfSpace):
             up = X_BG.multiply(np.array([0.0, 0.0, 1.0]))
-            axes.append(_Axis(X_BG.translation(), up, math.inf))
+            axes.append(Axis(X_BG.translation(), up, math.inf))
             continue
         if isinstance(shape, Box | Convex | Mesh):
             hull = polytope(X_BG.multiply(_corners(shape).T).T)
             middle = hull.points.mean(axis=0)
-            axes.append(_Axis(middle, middle, 0.0, hull))
+            axes.append(Axis(middle, middle, 0.0, hull))
             continue
         if isinstance(shape, Sphere):
             half_length = 0.0
@@ -451,7 +417,7 @@ def _body_axes(
         # Drake's capsule lies along z of its geometry frame, centred.
         p_B0 = X_BG.multiply(np.array([0.0, 0.0, -half_length]))
         p_B1 = X_BG.multiply(np.array([0.0, 0.0, half_length]))
-        axes.append(_Axis(p_B0, p_B1, shape.radius()))
+        axes.append(Axis(p_B0, p_B1, shape.radius()))
     if not axes:
         raise ModelError(
             f"link {body.name()!r} is in a watched pair, but has no collision geometry"
@@ -465,9 +431,3 @@ def _corners(shape: Box | Convex | Mesh) -> np.ndarray:
         return shape.size() * (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5)
     hull = shape.GetConvexHull()
     return np.array([hull.vertex(i) for i in range(hull.num_vertices())])
-
-
-def _place(table: np.ndarray, flat_index: int) -> tuple[int, int]:
-    """(row, column) of a flat index."""
-    row, column = np.unravel_index(flat_index, table.shape)
-    return int(row), int(column)

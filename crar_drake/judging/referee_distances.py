@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from pydrake.math import RigidTransform
 
 from crar_drake.judging.referee_hulls import Polytope, axis_polytope, polytope_distance
 
@@ -69,14 +70,17 @@ def capsule_distance(
     return distance, np.array(p_a), np.array(p_b)
 
 
-class WorldAxis(NamedTuple):
-    """A shape in the world. Of a half space `start` is on its surface, `end` straight
-    above, and the radius is infinite."""
+class Axis(NamedTuple):
+    """The axis of a capsule (or sphere) with its radius; or a hull, whose middle it is.
+
+    Of a half space `start` is on its surface, `end` straight above, and the radius is
+    infinite.
+    """
 
     start: np.ndarray  # (3,) [m]
     end: np.ndarray  # (3,) [m]
     radius: float  # [m]
-    hull: Polytope | None = None  # in the place of an axis
+    hull: Polytope | None = None
 
     @property
     def ends(self) -> np.ndarray:
@@ -85,8 +89,22 @@ class WorldAxis(NamedTuple):
             return self.hull.points
         return np.array([self.start, self.end])
 
+    @property
+    def ball(self) -> float:
+        """The radius of a ball about the axis' middle with all of the shape [m]."""
+        if self.hull is not None:
+            return float(np.linalg.norm(self.hull.points - self.start, axis=1).max())
+        return math.dist(self.start, self.end) / 2.0 + self.radius
 
-def distance_of_axes(a: WorldAxis, b: WorldAxis, enough: float = math.inf) -> float:
+    def moved(self, X: RigidTransform) -> "Axis":
+        """The shape in the frame that X leads to."""
+        hull = self.hull
+        if hull is not None:
+            hull = hull._replace(points=X.multiply(hull.points.T).T)
+        return Axis(X.multiply(self.start), X.multiply(self.end), self.radius, hull)
+
+
+def distance_of_axes(a: Axis, b: Axis, enough: float = math.inf) -> float:
     """The signed distance of two shapes; of which one may be a half space [m].
 
     Args:

@@ -1,6 +1,7 @@
 """A scenario's simulation that goes on step by step, and changes in between."""
 
 from collections import deque
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, replace
 
@@ -118,10 +119,13 @@ class LiveSimulation:
             parameters = replace(parameters, governor=governor)
         # The lookahead has an input port more, which cannot be added later.
         first = parameters
-        if can_look_ahead(parameters):
-            first = replace(parameters, constraints="lookahead")
+        ahead = replace(parameters, constraints="lookahead")
+        if accepted(lambda: validate(ahead)):
+            first = ahead
         balls = []
-        if first.constraints == "lookahead" and keeps_off_obstacles(self.model, first):
+        if first.constraints == "lookahead" and accepted(
+            lambda: LawAmong(self.model, first)
+        ):
             balls.append(make_ball(setup))
         self.scenario = replace(
             scenario,
@@ -273,11 +277,8 @@ class LiveSimulation:
         x[self.model.layout.position_entries.ravel()] = self.offsets.ravel()
         self._sources[0].set_offset(self._source_contexts[0], x)
         name = self.model.layout.names[self.model.layout.linear_tasks[task]]
-        words = f"{name} moved by"
-        if self.events and self.events[-1].what.startswith(words):
-            self.events.pop()  # one drag is one event
         x, y, z = offset
-        self._note(f"{words} {x:.3f}, {y:.3f}, {z:.3f} m")
+        self._note_drag(f"{name} moved by", f"{x:.3f}, {y:.3f}, {z:.3f} m")
 
     def set_ball(self, goal: np.ndarray | None) -> None:
         """Lets the ball move to a place, no faster than its speed.
@@ -291,11 +292,8 @@ class LiveSimulation:
         if self.ball is None:
             raise CrarError("this robot keeps off no obstacles: there is no ball")
         self._ball_goal = self._ball_home if goal is None else goal
-        words = f"{BALL} to"
-        if self.events and self.events[-1].what.startswith(words):
-            self.events.pop()  # one drag is one event
         x, y, z = self._ball_goal
-        self._note(f"{words} {x:.2f}, {y:.2f}, {z:.2f}")
+        self._note_drag(f"{BALL} to", f"{x:.2f}, {y:.2f}, {z:.2f}")
 
     def set_motion(self, on: bool) -> None:
         """Lets the motion stop where it is, or go on."""
@@ -408,6 +406,12 @@ class LiveSimulation:
         for source, context in zip(self._sources, self._source_contexts, strict=True):
             source.set_clock(context, self.motion.clock)
 
+    def _note_drag(self, words: str, where: str) -> None:
+        """One drag is one event."""
+        if self.events and self.events[-1].what.startswith(words):
+            self.events.pop()
+        self._note(f"{words} {where}")
+
     def _note(self, what: str) -> None:
         self.events.append(Event(self.time + self.period, what))
 
@@ -451,19 +455,10 @@ class LiveSimulation:
         port.FixValue(self._plant_context, forces)
 
 
-def can_look_ahead(parameters: CrarParameters) -> bool:
-    """Whether the gains go with the lookahead."""
+def accepted(check: Callable[[], object]) -> bool:
+    """Whether it raises no ScenarioError."""
     try:
-        validate(replace(parameters, constraints="lookahead"))
-    except ScenarioError:
-        return False
-    return True
-
-
-def keeps_off_obstacles(model: ControlModel, parameters: CrarParameters) -> bool:
-    """Whether robot and gains go with obstacles that move."""
-    try:
-        LawAmong(model, parameters)
+        check()
     except ScenarioError:
         return False
     return True

@@ -1,17 +1,13 @@
 """What is left of a session: the files of a run, made of its log."""
 
-from dataclasses import replace
 from pathlib import Path
 
 from crar_drake.motion.report import inspect
 from crar_drake.play.live_simulation import LiveSimulation
-from crar_drake.results.obstacles import judge_obstacles
-from crar_drake.results.standing_run import stance
-from crar_drake.results.summary import summarize
 from crar_drake.run import (
     Interrupts,
     RunResult,
-    reason_of,
+    summary_of,
     with_lasting_name,
     write_run,
 )
@@ -38,23 +34,16 @@ def save_session(
         The result, whose `files` are what was written; and why others were not.
     """
     scenario = with_lasting_name(live.logged_scenario())
-    model = live.model
     performer = live.setup.motion.performer
     log = live.recorder.log(scenario)
-    stood, setup = None, live.setup
-    if scenario.standing is not None:
-        stood = stance(log, setup.simulated, scenario.standing.friction)
-    summary = summarize(
+    summary = summary_of(
         log,
-        scenario=scenario,
-        stance=stood,
+        scenario,
+        live.setup,
+        failure,
         motion=inspect(performer) if performer is not None else None,
         warnings=[live.reported()],
-        obstacles=judge_obstacles(
-            log, scenario, model.plant, model.scene_graph, model.description.pairs
-        ),
     )
-    summary = replace(summary, stopped=reason_of(failure))
     result = RunResult(log, summary, live.setup)
     missing = write_run(out, result, scenario, record, interrupts, note=live.reported())
     return result, missing

@@ -8,6 +8,7 @@ not.
 import numpy as np
 
 from crar_drake.control.effort_limits import NO_EXCESS
+from crar_drake.errors import few
 from crar_drake.results.log import SimulationLog
 
 # Motors that the line names.
@@ -43,8 +44,7 @@ def clipped_line(log: SimulationLog) -> str:
         for i in np.argsort(-often, kind="stable")
         if often[i]
     ]
-    more = f" and {len(motors) - _MOST} more" if len(motors) > _MOST else ""
-    of = f" of {', '.join(motors[:_MOST])}{more}" if motors else ""
+    of = f" of {few(motors, _MOST)}" if motors else ""
     return (
         f"torques were clipped in {np.count_nonzero(clipped)} samples, the first at "
         f"{log.time[clipped][0]:.3f} s: not even braking was within the effort limits"

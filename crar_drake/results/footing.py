@@ -1,7 +1,7 @@
 """How a run stood on the floor: slip of feet, what was below the floor, and whether the
 ground could carry it."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -53,10 +53,6 @@ class Footing:
     least_force: float
     largest_force: float
     friction: float | None
-
-    def as_dict(self) -> dict:
-        """Attribute to value, as JSON has them."""
-        return asdict(self)
 
     def lines(self) -> list[str]:
         """The figures in words."""

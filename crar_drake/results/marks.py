@@ -6,6 +6,7 @@ One colour has one meaning wherever a run is drawn.
 import numpy as np
 
 from crar_drake.control.records import STATUS_BLENDING, STATUS_BRAKING
+from crar_drake.motion.planted_feet import runs
 from crar_drake.results.clipped_torque import clipped_samples, limited_samples
 from crar_drake.results.log import SimulationLog
 
@@ -78,9 +79,7 @@ def marked_spans(log: SimulationLog) -> dict[str, list[tuple[float, float]]]:
 
 def _spans(time: np.ndarray, marked: np.ndarray) -> list[tuple[float, float]]:
     """Runs of True in (T,) `marked`, sampled at `time` (T,) [s]."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], marked, [0]]).astype(int)))
     last = len(time) - 1
     return [
-        (float(time[start]), float(time[min(end, last)]))
-        for start, end in edges.reshape(-1, 2)
+        (float(time[start]), float(time[min(end, last)])) for start, end in runs(marked)
     ]

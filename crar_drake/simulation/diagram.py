@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 from pydrake.systems.lcm import ApplyLcmBusConfig
-from pydrake.systems.primitives import LogVectorOutput
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from pydrake.visualization import ApplyVisualizationConfig
 
 from crar_drake.control import modes
@@ -35,7 +35,6 @@ from crar_drake.robot.same_place import check_place
 from crar_drake.robot.standing import standing_description
 from crar_drake.robot.task import Task
 from crar_drake.simulation.contact_ground import add_contact_ground
-from crar_drake.simulation.desired_motion import load_desired_motion
 from crar_drake.simulation.disturbances import AddMeasurement, PushSource, TargetStep
 from crar_drake.simulation.moving_obstacles import ObstacleSource
 from crar_drake.simulation.scenario import (
@@ -46,6 +45,9 @@ from crar_drake.simulation.scenario import (
 )
 from crar_drake.simulation.visuals import draw_collision_shapes, set_surroundings
 from crar_drake.targets.desired_motion import DesiredMotion
+from crar_drake.targets.keyframes import KeyframeTrajectory
+from crar_drake.targets.motion import load_motion_targets
+from crar_drake.targets.sources import PoseTrajectorySource
 from crar_drake.targets.start_pose import solve_start_pose
 from crar_drake.targets.whole_body import follows_legs, with_joints
 
@@ -296,6 +298,45 @@ def _prepare_standing(scenario: Scenario, description: RobotDescription) -> Setu
     )
     motion = load_desired_motion(scenario, model)
     return Setup(model, motion, simulated.rest_positions(), simulated)
+
+
+def load_desired_motion(scenario: Scenario, model: ControlModel) -> DesiredMotion:
+    """Loads the scenario's motion, or its keyframes, for the robot.
+
+    Raises:
+        MotionError: the motion cannot be found, read or scaled.
+        ScenarioError: tasks and motion or keyframes do not fit each other.
+    """
+    if scenario.keyframes:
+        return _from_keyframes(scenario, model)
+    return load_motion_targets(
+        scenario.motion,
+        model,
+        options=scenario.motion_options(),
+        cutoff=scenario.cutoff,
+    )
+
+
+def _from_keyframes(scenario: Scenario, model: ControlModel) -> DesiredMotion:
+    sources = model.description.prescribed_joints
+    if any(source != "hold" for source in sources.values()):
+        raise ScenarioError(
+            f"robot {model.description.name}: its prescribed joints need a motion; "
+            "keyframes drive robots whose prescribed joints hold"
+        )
+    held = model.prescribed_at(model.rest_positions())
+    ways = {
+        name: KeyframeTrajectory(name, frames)
+        for name, frames in scenario.keyframes.items()
+    }
+    source = PoseTrajectorySource(model.layout, ways)
+    return DesiredMotion(
+        source.duration,
+        source.at,
+        lambda time: held[: len(model.prescribed_positions)],
+        lambda: PoseTrajectorySource(model.layout, ways),
+        (lambda: ConstantVectorSource(held)) if model.n_p else None,
+    )
 
 
 def MakeCrarDiagram(

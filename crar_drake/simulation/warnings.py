@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.errors import few
 from crar_drake.motion.report import MotionReport
 from crar_drake.robot.description import (
     FLOOR_TOLERANCE,
@@ -112,10 +113,9 @@ def _of_what_is_not_examined(scenario: Scenario, model: ControlModel) -> Iterato
     pairs = model.pairs.not_examined
     if scenario.controller.constraints != "lookahead" or not pairs:
         return
-    named = ", ".join(f"{a} - {b}" for a, b in pairs[:_MOST])
-    more = f" and {len(pairs) - _MOST} more" if len(pairs) > _MOST else ""
+    named = few([f"{a} - {b}" for a, b in pairs], _MOST)
     yield (
-        f"not examined: {named}{more}: not all of their shapes are capsules, spheres "
+        f"not examined: {named}: not all of their shapes are capsules, spheres "
         "and convex hulls, so that no braking path is shown to be clear; the law keeps "
         "them apart as well as it can, but nothing is proved of them"
     )

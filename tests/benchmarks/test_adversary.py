@@ -16,7 +16,14 @@ from scipy.spatial import ConvexHull
 from benchmarks.adversary import __main__ as command
 from benchmarks.adversary import drive
 from benchmarks.adversary.attacks import ATTACKS, GAINS, make_episode
-from benchmarks.adversary.cases import Case, Result, law_digest, make_cases
+from benchmarks.adversary.cases import (
+    Case,
+    Result,
+    law_digest,
+    make_cases,
+    read_results,
+    write_results,
+)
 from benchmarks.adversary.drive import drive_exact, drive_torque
 from benchmarks.adversary.judge import (
     box_distances,
@@ -36,6 +43,7 @@ from benchmarks.adversary.starts import (
     singular,
 )
 from benchmarks.adversary.targets import approach, chirp, waves
+from benchmarks.page import Benchmark
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import CrarError, ScenarioError
@@ -660,15 +668,13 @@ def test_gains_are_of_laws_with_and_without_a_plan():
 def test_command_writes_resumes_and_replays(tmp_path, monkeypatch, capsys):
     code = run(tmp_path, "--constraints", "none")
     assert code == 1
+    assert "| several |" in capsys.readouterr().out
     whole = json.loads((tmp_path / "adversary.json").read_text())
     assert [r["case"]["period"] for r in whole["results"]] == [0.02, 0.01]
-    assert "| several |" in (tmp_path / "adversary.md").read_text()
-    lines = tmp_path / "cases.jsonl"
-    assert len(lines.read_text().splitlines()) == 2
 
-    # The second case is lost, torn in the middle of its line: it alone is run again.
-    kept, torn = lines.read_text().splitlines()
-    lines.write_text(kept + "\n" + torn[:50])
+    # The second case is lost: it alone is run again.
+    kept = tmp_path / "adversary.json"
+    kept.write_text(json.dumps({"results": whole["results"][:1]}))
     ran = []
 
     def counted(case):
@@ -712,7 +718,7 @@ def test_a_stopped_command_ends_at_once(tmp_path):
         # A background job may ignore SIGINT, and so would its child.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
-    while not (tmp_path / ".cases.jsonl.lock").exists():
+    while not (tmp_path / ".adversary.json.lock").exists():
         assert process.poll() is None
         time.sleep(0.1)
     time.sleep(5.0)  # the processes are there and at work, or about to be
@@ -751,19 +757,20 @@ def test_wrong_options_are_named(argv, message, capsys):
     assert stopped.value.code == 2 and message in capsys.readouterr().err
 
 
-def test_a_file_that_is_no_counterexample_is_refused(tmp_path, capsys):
+def test_a_file_that_is_no_counterexample_is_refused(tmp_path):
     wrong = tmp_path / "wrong.json"
     wrong.write_text("{}")
-    assert command.main(["--replay", str(wrong)]) == 2
-    assert str(wrong) in capsys.readouterr().err
+    with pytest.raises(CrarError, match=r"wrong\.json: not a counterexample"):
+        command.main(["--replay", str(wrong)])
     with pytest.raises(CrarError, match="cannot be read"):
-        command.replay(tmp_path / "absent.json", None)
+        command.main(["--replay", str(tmp_path / "absent.json")])
 
 
 def test_boxes_are_attacked_when_asked_for():
     """And examined by the law."""
-    assert "boxes" not in command.parse([]).robots
-    assert command.parse(["--robots", "boxes"]).robots == ["boxes"]
+    asked = [[], ["--robots", "boxes"]]
+    usual, given = (command.parse(Benchmark("", "attacks", ""), argv) for argv in asked)
+    assert "boxes" not in usual.robots and given.robots == ["boxes"]
     model = load_subject("boxes", 1).model("drawn")
     assert not model.pairs.not_examined
 
@@ -831,16 +838,19 @@ def test_tables_are_written_into_a_page(tmp_path, monkeypatch):
     assert "python -m benchmarks.adversary --robots jaw" in written
     assert str(tmp_path) not in written
     page.write_text("without marks\n")
-    assert run(tmp_path, "--page", str(page)) == 2
+    with pytest.raises(CrarError, match="needs the line <!-- exact -->"):
+        run(tmp_path, "--page", str(page))
     assert page.read_text() == "without marks\n"
 
 
-def test_results_survive_their_line():
-    case = Case("jaw", "sine", 0.01)
+def test_results_are_kept(tmp_path):
+    case, path = Case("jaw", "sine", 0.01), tmp_path / "kept.json"
     result = Result(case, law="x", clearance=0.003, worst={"lineage": [1, 2]})
-    back = Result.parse(result.line())
-    assert back == result  # infinite path_clearance, too
-    assert Result.parse('{"case": {}}') is None and Result.parse("{") is None
+    write_results(path, [result, Result(Case("jaw", "wild", 0.01), "x", error="no")])
+    assert read_results(path, "x") == {case: result}  # infinite path_clearance, too
+    assert read_results(path, "another") == {}
+    path.write_text('{"results": [{}]}')
+    assert read_results(path, "x") == {}
 
 
 # --- the filter of joint commands ---------------------------------------------------

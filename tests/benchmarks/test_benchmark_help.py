@@ -20,4 +20,4 @@ def test_it_tells_how_to_be_used(module, capsys):
     with pytest.raises(SystemExit) as ended:
         importlib.import_module(module).main(["--help"])
     assert ended.value.code == 0
-    assert f"python -m {module}" in capsys.readouterr().out
+    assert f"python -m {module.removesuffix('.__main__')}" in capsys.readouterr().out

@@ -13,7 +13,6 @@ from pydrake.systems.framework import DiagramBuilder
 from small_reference_robots import reaching, write_csv, write_robot
 
 from benchmarks.peers import filters
-from benchmarks.peers.compare import PeerError
 from benchmarks.peers.driver import (
     Filter,
     NoAnswer,
@@ -138,20 +137,6 @@ def test_a_run_is_kept_until_anything_changes(robot, tmp_path) -> None:
     case = dict(np.load(other / "swing.npz"))
     np.savez(other / "swing.npz", **(case | {"q_start": case["q_start"] + 1e-9}))
     assert not is_recorded(job, other)
-
-
-def test_the_settings_that_an_earlier_run_took_are_tried_alone(tmp_path) -> None:
-    peer = filters.FILTERS[0]
-    every = filters.entries([peer], ["swing"], None)
-    assert [entry.settings["swing"] for entry in every] == list(peer.grid)
-    rows = [{"name": "", "settings": {}}, {"name": peer.name, "settings": peer.grid[1]}]
-    path = tmp_path / "filters.json"
-    path.write_text(json.dumps({"swing": rows}))
-    [entry] = filters.entries([peer], ["swing"], path)
-    assert entry.settings == {"swing": peer.grid[1]}
-    for names, file in ((["swing", "walk"], path), (["swing"], tmp_path / "none")):
-        with pytest.raises(PeerError, match=file.name):
-            filters.entries([peer], names, file)
 
 
 def test_rows_tell_what_the_judge_finds(robot) -> None:

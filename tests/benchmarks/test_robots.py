@@ -8,7 +8,7 @@ import pytest
 from benchmarks.robots import __main__ as command
 from benchmarks.robots import verdicts
 from benchmarks.robots.catalogue import SUBJECTS, Subject, folder_name
-from benchmarks.robots.page import page_part
+from benchmarks.robots.page import tables, told
 from benchmarks.robots.trial import RESULT, TOOL, WHOLE_BODY, Outcome, load_outcome
 from benchmarks.robots.verdicts import VERDICTS, Verdict
 
@@ -46,11 +46,11 @@ def test_the_page():
         (arm, Outcome(task=TOOL, size=0.5, error=0.001, samples=100)),
         (lame, Outcome(why="it has no arms")),
     ]
-    part = page_part(outcomes)
-    text = part.markdown()
-    assert "3 were tried. 2 of these ran, 1 the dance and 1 an arm" in part.found
-    assert "1 without any violation" in part.found
-    assert "pictures of 0 dancers were looked at: 0 dance recognisably, 0" in part.found
+    found = told(outcomes)
+    text = "".join(table.markdown() for table in tables(outcomes))
+    assert "3 were tried. 2 of these ran, 1 the dance and 1 an arm" in found
+    assert "1 without any violation" in found
+    assert "pictures of 0 dancers were looked at: 0 dance recognisably, 0" in found
     row = cells(text, dancer.name)
     assert row[2:4] == ["whole body", "not looked at"] and row[5:10] == [
         "60 mm; feet 12 mm",
@@ -62,18 +62,18 @@ def test_the_page():
     assert row[10:] == ["1.0 mm / 2.5 mm", "-0.4 mm", "25 %", "2"]
     assert cells(text, arm.name)[4:] == ["1 mm", "0 %", "–", "–", "0", "–", "–"]
     assert cells(text, lame.name)[-1] == "it has no arms"
-    assert f"Not tried: {SUBJECTS[1].name}" in part.found
+    assert f"Not tried: {SUBJECTS[1].name}" in found
 
 
 def test_a_verdict_is_of_the_run_that_was_looked_at(monkeypatch):
     seen = {SUBJECTS[0].name: Verdict(0.061), SUBJECTS[1].name: Verdict(0.08)}
     monkeypatch.setattr(verdicts, "VERDICTS", seen)
-    part = page_part([(SUBJECTS[0], DANCER), (SUBJECTS[1], DANCER)])
-    text = part.markdown()
+    outcomes = [(SUBJECTS[0], DANCER), (SUBJECTS[1], DANCER)]
+    text = "".join(table.markdown() for table in tables(outcomes))
     assert [cells(text, s.name)[3] for s in SUBJECTS[:2]] == ["yes", "not looked at"]
     # Meshes penetrate, capsules do not.
     looked_at = "pictures of 1 dancers were looked at: 1 dance recognisably, 1 of"
-    assert looked_at in part.found
+    assert looked_at in told(outcomes)
 
 
 def test_every_verdict_is_of_a_robot():
@@ -89,17 +89,15 @@ def test_what_has_a_result_is_not_tried_again(tmp_path, monkeypatch, capsys):
     folder.mkdir()
     (folder / RESULT).write_text(json.dumps(asdict(DANCER)))
     assert load_outcome(folder) == DANCER and load_outcome(tmp_path) is None
-    monkeypatch.setattr("sys.argv", ["robots", "--out", str(tmp_path)])
-    command.main()
-    told = capsys.readouterr().out
-    assert "the package no-such-package is not installed" in told
-    assert cells(told, known.name)[5].startswith("60 mm")
+    command.main(["--out", str(tmp_path)])
+    shown = capsys.readouterr().out
+    assert "the package no-such-package is not installed" in shown
+    assert cells(shown, known.name)[5].startswith("60 mm")
 
 
-def test_unknown_names_are_refused(monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["robots", "--only", "Nobody"])
+def test_unknown_names_are_refused(capsys):
     with pytest.raises(SystemExit):
-        command.main()
+        command.main(["--only", "Nobody"])
     assert "no robot 'Nobody'; there are: G1;" in capsys.readouterr().err
 
 

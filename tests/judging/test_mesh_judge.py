@@ -18,7 +18,6 @@ from pydrake.systems.framework import DiagramBuilder
 from small_logs import small_log
 from small_urdfs import joint, link, robot, write
 
-from benchmarks.mesh_range import mesh_range
 from crar_drake.commands import main
 from crar_drake.errors import ModelError
 from crar_drake.judging.mesh_judge import MeshJudge
@@ -177,20 +176,6 @@ def test_the_same_as_asking_for_every_pair(folder):
     refuted = (hulls < 0.0) & (meshes > 0.0)
     assert verdict.refuted[0].num_samples == refuted.sum()
     assert verdict.refuted[0].hull_distance == hulls[refuted].min()
-
-
-def test_the_range_of_a_pair_is_from_limit_to_limit(folder):
-    """2 cm apart at rest: 5 cm nearer they are 3 cm in each other."""
-    found = mesh_range(load_robot_description(folder), "stand", "hook", 41)
-    rest, joints, values, distances = found
-    assert rest == pytest.approx(0.02, abs=1e-6)
-    assert joints == ["slide", "lift"]
-    for each in values:
-        np.testing.assert_allclose(each, np.linspace(-1.0, 1.0, 41))
-    assert distances.shape == (41, 41)
-    here = distances[:, 20]  # not lifted
-    assert here[20] == rest
-    assert here[19] == pytest.approx(-0.03, abs=2e-5)
 
 
 def test_the_same_as_asking_for_all_of_many_pairs(tmp_path, monkeypatch):

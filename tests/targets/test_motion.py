@@ -17,7 +17,7 @@ from crar_drake.robot.description import RobotDescription, load_robot_descriptio
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, position_tasks
 from crar_drake.run import run_scenario
-from crar_drake.simulation.desired_motion import load_desired_motion
+from crar_drake.simulation.diagram import load_desired_motion
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.targets.motion import load_motion_targets, segment_lengths
 

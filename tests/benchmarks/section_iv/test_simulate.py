@@ -59,8 +59,6 @@ def test_details_are_what_the_log_says():
     W = np.array([[1.0, 1.0], [1.05, 1.0], [1.05, 1.2]])
     details = analyse(small_log(constraint_weights=W), np.array([0, 2, 7]))
     assert details.violated_share == pytest.approx(2 / 3)
-    assert details.most_violations == 7
-    assert details.above_redundancy == pytest.approx(1 / 3)
     # Errors of hand and tool: 5 and 0 mm, 0 and 12 mm, 0 and 5 mm.
     squares = 0.5 * np.array([5.0**2, 12.0**2, 5.0**2])
     assert details.error_otherwise == pytest.approx(1e-3 * math.sqrt(squares[0]))
@@ -156,7 +154,7 @@ def test_a_simulation_that_fails_says_why_and_is_tried_again(plan, tmp_path):
     assert "gone.amc: there is no such" in outcome.result.error
     assert outcome.details is None
     record = json.loads((tmp_path / "results" / f"{simulation.name}.json").read_text())
-    assert record["result"]["rms_task_error"] is None
+    assert math.isnan(record["result"]["rms_task_error"])
     assert finished(replace(plan, simulations=(simulation,)), tmp_path) == {}
 
 

@@ -273,18 +273,6 @@ def test_round_degrees_stay_short(toy: Skeleton, tmp_path: Path) -> None:
     assert "thigh -30 400\n" in (tmp_path / "out.amc").read_text()
 
 
-def test_nothing_unreadable_is_written(toy: Skeleton, tmp_path: Path) -> None:
-    good = read_amc(_write(tmp_path / "m.amc", AMC), toy)
-    for joints, word in (
-        ({"thigh": good.joints["thigh"]}, "shin"),
-        (good.joints | {"shin": np.full((2, 1), np.nan)}, "not finite"),
-        (good.joints | {"shin": np.zeros((3, 1))}, "shape"),
-    ):
-        clip = Clip("bad", toy, 120.0, good.root_position, good.root_rotation, joints)
-        assert word in _refusal(write_amc, tmp_path / "bad.amc", clip)
-    assert not (tmp_path / "bad.amc").exists()
-
-
 # --- refusals ---------------------------------------------------------------------
 
 BAD_MOTIONS = [

@@ -294,9 +294,8 @@ class MeshPairs:
             x for mesh in self.meshes for x in (mesh.vertices, mesh.faces.astype(int))
         ]
         rule = np.array([_RULE, ROUNDING, _HULLS_ENOUGH])
-        place = (
-            cached("meshes") / f"{digest_of([R, p, *surfaces, self.rows, rule])}.npy"
-        )
+        name = digest_of([R, p, *surfaces, self.rows, rule])
+        place = cached("as_built") / f"{name}.npy"
         with suppress(OSError, ValueError, EOFError):  # there is none, or it is cut off
             kept = np.load(place, allow_pickle=False)
             if kept.dtype == bool and kept.shape == (len(self.rows),):

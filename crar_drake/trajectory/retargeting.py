@@ -8,7 +8,9 @@
     such that   watched pairs, joint limits and speeds are kept, elbows and knees bend
                 as a person's, and nothing is below the floor.
 
-Unknowns of a frame are those of `body_points`. The motion that is found is cleaned
+Unknowns of a frame are those of `body_points`. Windows alone are solved (`keeping`), so
+that a foot without room slips where a window cuts its contact. Contacts that slip are
+solved again as a whole, and may be elsewhere. The motion that is found is cleaned
 (`references.cleaning`), which certifies it.
 """
 
@@ -236,7 +238,9 @@ class Retargeter:
         y, violating, effort = keeper.keep(problem, y, effort, progress)
         slipping = problem.tasks.let_slipping_go(y)
         if slipping.any():
-            y, violating, effort = keeper.keep(problem, y, effort, also=slipping)
+            again, still, effort = keeper.keep(problem, y, effort, also=slipping)
+            if still.sum() <= violating.sum():
+                y, violating = again, still
         turned = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
         return Retargeted(
             targets.root_positions + y[:, :3],

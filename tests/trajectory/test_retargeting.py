@@ -381,3 +381,20 @@ def test_a_foot_that_has_no_room_where_it_is_wanted_stands_elsewhere(
     assert slip(robot, targets, found) < MOST_SLIP
     monkeypatch.setattr(retargeting, "MOST_SLIP", np.inf)
     assert slip(robot, targets, robot.retarget(None, RATE)) > MOST_SLIP
+
+
+def test_but_not_where_that_violates_more(robot, targets, monkeypatch):
+    targets = standing_beside(robot, targets, 150, 120, 0.01)
+    monkeypatch.setattr(retargeting, "performer_targets", lambda *_: targets)
+    keep, kept = Keeper.keep, []
+
+    def worse(self, *arguments, **named):
+        y, violating, effort = keep(self, *arguments, **named)
+        violating[40] |= bool(kept)
+        kept.append(y)
+        return y, violating, effort
+
+    monkeypatch.setattr(Keeper, "keep", worse)
+    found = robot.retarget(None, RATE)
+    assert len(kept) == 2 and not found.violating.any()
+    np.testing.assert_array_equal(found.q, kept[0][:, ROOT:])

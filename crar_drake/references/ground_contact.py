@@ -30,9 +30,7 @@ FEET, HANDS = ("left_foot", "right_foot"), ("left_hand", "right_hand")
 # Points of a foot within this of its lowest one are those that it may stand on [m].
 _SOLE = 0.01
 
-# Steps of `least_way`, at most: some ten leave less than a hundredth of a way; and what
-# is enough [m].
-_HULL_STEPS, _HULL_ENOUGH = 60, 1e-7
+_HULL_ENOUGH = 1e-9  # to which `least_way` is known [m]
 
 # The feet's lowest heights of this share of the frames are the floor's.
 _FLOOR_SHARE = 0.1
@@ -235,14 +233,24 @@ def _lowest_floor(soles: dict[str, np.ndarray]) -> float:
 
 
 @compiled(loops=True)
+def _nearest(ax: float, ay: float, bx: float, by: float) -> tuple[float, float]:
+    """The point of the segment from a to b that is nearest to 0."""
+    dx, dy = bx - ax, by - ay
+    square = dx * dx + dy * dy
+    share = -(ax * dx + ay * dy) / square if square > 0.0 else 0.0
+    share = min(max(share, 0.0), 1.0)
+    return ax + share * dx, ay + share * dy
+
+
+@compiled(loops=True)
 def least_way(moves: np.ndarray, there: np.ndarray) -> np.ndarray:
     """How far the points of a flat piece move that move least, (T,) [m].
 
     A piece that is turned and shifted moves its points by an affine function of where
     they are: so the ways of all points between some lie between the ways of these, and
-    the least is the distance of 0 from their convex hull. It is approached by E. G.
-    Gilbert's method (SIAM J. Control 4, 1966), step by step towards the farthest
-    vertex on the other side, from above.
+    the least is the distance of 0 from their convex hull. It is found from segment to
+    nearer segment between two of them, each with the vertex that is farthest towards 0
+    (E. G. Gilbert, D. W. Johnson and S. S. Keerthi, IEEE J. Robot. Autom. 4, 1988).
 
     Args:
         moves: (T, V, 2) of the vertices [m].
@@ -250,24 +258,33 @@ def least_way(moves: np.ndarray, there: np.ndarray) -> np.ndarray:
     """
     found = np.empty(len(moves))
     for k in range(len(moves)):
-        least, x, y = np.inf, 0.0, 0.0
-        for i in range(moves.shape[1]):
-            a, b = moves[k, i, 0], moves[k, i, 1]
-            if there[k, i] and a * a + b * b < least:
-                least, x, y = a * a + b * b, a, b
-        for _ in range(_HULL_STEPS):
+        first = 0
+        while not there[k, first]:
+            first += 1
+        x, y = moves[k, first]  # the nearest of the segment from a to b
+        ax, ay, bx, by = x, y, x, y
+        while True:
             along, p, q = np.inf, x, y
             for i in range(moves.shape[1]):
                 a, b = moves[k, i, 0], moves[k, i, 1]
                 if there[k, i] and a * x + b * y < along:
                     along, p, q = a * x + b * y, a, b
-            p, q = p - x, q - y
-            less = -(x * p + y * q)
+            size = np.hypot(x, y)
             # No point of the hull is nearer to 0 by more than that over |x|.
-            if less <= _HULL_ENOUGH * np.hypot(x, y):
+            if size * size - along <= _HULL_ENOUGH * size:
                 break
-            share = min(less / (p * p + q * q), 1.0)
-            x, y = x + share * p, y + share * q
+            # Turning about 0 alike from a to b, to the vertex and back it is inside.
+            ab, bp, pa = ax * by - ay * bx, bx * q - by * p, p * ay - q * ax
+            if min(ab, bp, pa) > 0.0 or max(ab, bp, pa) < 0.0:
+                x, y = 0.0, 0.0
+                break
+            of_a, of_b = _nearest(ax, ay, p, q), _nearest(bx, by, p, q)
+            if np.hypot(*of_a) <= np.hypot(*of_b):
+                (x, y), bx, by = of_a, p, q
+            else:
+                (x, y), ax, ay = of_b, p, q
+            if not np.hypot(x, y) < size:
+                break
         found[k] = np.hypot(x, y)
     return found
 

@@ -7,6 +7,7 @@ are apart, else of the triangles.
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -20,9 +21,12 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.equations.kinematics import link_poses
+from crar_drake.errors import WriteError
+from crar_drake.files import whole_file
 from crar_drake.references.hull_gaps import hull_corners, hull_gaps
 from crar_drake.references.near_parts import Parts, divided
 from crar_drake.references.whole_body import WholeBody
+from crar_drake.resources import cached
 from crar_drake.robot.description import find_joint, zero_positions
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot_import.link_meshes import LinkMesh
@@ -39,6 +43,9 @@ ROUNDING = 1e-6
 
 # Where hulls are farther apart than this, the triangles are not asked [m].
 _HULLS_ENOUGH = 1e-3
+
+# Of how pairs that touch as built are found: what another one kept is not read.
+_RULE = 1
 
 # A winding number beyond is that of a point inside.
 _HALF_TURN = 0.5
@@ -269,23 +276,42 @@ class MeshPairs:
         return frame == root
 
     def _touch_as_built(self, robot: WholeBody) -> np.ndarray:
-        """(P,) whether a pair touches in the zero and in the rest posture."""
+        """(P,) whether a pair touches in the zero and in the rest posture.
+
+        It depends on the meshes and these postures alone, and is kept in the user's
+        cache under a name by these.
+        """
         plant = robot.plant
         limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
         zero = np.clip(zero_positions(plant), *limits)
         rest = zero.copy()
         for name, value in robot.description.rest_posture.items():
             rest[find_joint(plant, name).position_start()] = value
-        touch = np.ones(len(self.rows), dtype=bool)
         frames = np.array([mesh.frame for mesh in self.meshes], dtype=int)
-        for R, p in zip(*self.poses([rest, zero]), strict=True):
+        R, p = self.poses([rest, zero])
+        R, p = R[:, frames], p[:, frames]
+        surfaces = [
+            x for mesh in self.meshes for x in (mesh.vertices, mesh.faces.astype(int))
+        ]
+        rule = np.array([_RULE, ROUNDING, _HULLS_ENOUGH])
+        name = digest_of([R, p, *surfaces, self.rows, rule])
+        place = cached("as_built") / f"{name}.npy"
+        with suppress(OSError, ValueError, EOFError):  # there is none, or it is cut off
+            kept = np.load(place, allow_pickle=False)
+            if kept.dtype == bool and kept.shape == (len(self.rows),):
+                return kept
+        touch = np.ones(len(self.rows), dtype=bool)
+        for k in range(2):
             some = np.flatnonzero(touch)
             rows = self.rows[some]
-            X = relative_poses(R, p, *frames[rows].T)
+            X = relative_poses(R[k], p[k], *rows.T)
             apart, parted = self.distances(rows, *X)
             touch[some] = apart == 0.0
-            for k in np.flatnonzero((apart > 0.0) & ~parted):
-                touch[some[k]] = self.one_inside(*rows[k], X[0][k], X[1][k])
+            for i in np.flatnonzero((apart > 0.0) & ~parted):
+                touch[some[i]] = self.one_inside(*rows[i], X[0][i], X[1][i])
+        # Without a cache they are only looked for again.
+        with suppress(WriteError), whole_file(place) as path:
+            np.save(path, touch)
         return touch
 
     def poses(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -310,3 +336,12 @@ def relative_poses(R: np.ndarray, p: np.ndarray, a, b) -> tuple:
     R_AW = R[..., a, :, :].swapaxes(-1, -2)
     offset = p[..., b, :] - p[..., a, :]
     return R_AW @ R[..., b, :, :], (R_AW @ offset[..., None])[..., 0]
+
+
+def digest_of(arrays: Iterable[np.ndarray]) -> str:
+    """A name by the contents of arrays."""
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(str(array.shape).encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:32]

@@ -23,7 +23,6 @@ that bounds do not depend on which motions were looked at before.
 
 from __future__ import annotations
 
-import hashlib
 from contextlib import suppress
 
 import numpy as np
@@ -31,7 +30,7 @@ import numpy as np
 from crar_drake.equations.compilation import compiled
 from crar_drake.errors import WriteError
 from crar_drake.files import whole_file
-from crar_drake.references.mesh_pairs import MeshPairs, relative_poses
+from crar_drake.references.mesh_pairs import MeshPairs, digest_of, relative_poses
 from crar_drake.references.near_parts import near_approach
 from crar_drake.resources import cached
 
@@ -191,7 +190,6 @@ class PairTable:
 
     def _digest(self, geometry: list[np.ndarray]) -> str:
         """Of all that distances and bounds depend on."""
-        digest = hashlib.sha256()
         for link in self._links:
             geometry = [*geometry, link.vertices, link.faces.astype(np.int64)]
         limits = [
@@ -204,10 +202,7 @@ class PairTable:
             _COARSE,
             self._near,
         ]
-        for array in (*geometry, np.array(limits)):
-            digest.update(str(array.shape).encode())
-            digest.update(np.ascontiguousarray(array).tobytes())
-        return digest.hexdigest()[:32]
+        return digest_of([*geometry, np.array(limits)])
 
     def _farthest(self, joints: tuple[int, int]) -> tuple[np.ndarray, list[np.ndarray]]:
         """(2,) rho of A and B [m/rad or 1]; and what says how they are carried: with

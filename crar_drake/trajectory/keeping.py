@@ -242,6 +242,7 @@ class Keeper:
         y: np.ndarray,
         effort: Effort | None = None,
         progress: Callable[[int], None] | None = None,
+        also: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, Effort]:
         """The motion at its minimum where it was changed.
 
@@ -250,6 +251,7 @@ class Keeper:
             y: (T, m) unknowns, of which the joints come last.
             effort: that it took until then.
             progress: is called with the number of frames that are done.
+            also: (T,) frames that are solved even if they violate nothing.
 
         Returns:
             (T, m) the motion; (T,) frames that still violate something, at them or on
@@ -261,6 +263,8 @@ class Keeper:
         margins = self.margins(q)
         violating = self._violating(margins) | _below(problem, y, self.floor)
         violating |= _unfulfilled(problem, y)
+        if also is not None:
+            violating |= also
         moves = np.abs(np.diff(q, axis=0, append=q[-1:])).max(axis=1)
         state = _State(
             at_frames=np.full(frames, self.floor + _MORE_AT_FRAMES),

@@ -8,7 +8,9 @@
     such that   watched pairs, joint limits and speeds are kept, elbows and knees bend
                 as a person's, and nothing is below the floor.
 
-Unknowns of a frame are those of `body_points`. The motion that is found is cleaned
+Unknowns of a frame are those of `body_points`. Windows alone are solved (`keeping`), so
+that a foot without room slips where a window cuts its contact. Contacts that slip are
+solved again as a whole, and may be elsewhere. The motion that is found is cleaned
 (`references.cleaning`), which certifies it.
 """
 
@@ -23,6 +25,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import ModelError
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
+from crar_drake.motion.planted_feet import runs
 from crar_drake.motion.smooth_steps import smooth_flags
 from crar_drake.robot.description import RobotDescription, find_body, find_frame
 from crar_drake.robot.model import ControlModel
@@ -58,6 +61,9 @@ _ABOVE = 4e-4
 # Within this time before and after both stand, legs part by what they are asked to be
 # farther apart [s].
 _PARTING = 0.15
+# Feet that slip by more in a contact may stand elsewhere [m], and their steps are held
+# by so much more.
+MOST_SLIP, _HELD_MORE = 2e-3, 5.0
 # Beyond straight, or over-stretched, by so much at most [rad].
 _STRETCHED = 0.02
 
@@ -230,6 +236,11 @@ class Retargeter:
         stiff = np.full(ROOT + n, (p.change_smoothing * rate) ** 2)
         problem = replace(problem, about=y, smoothness=stiff)
         y, violating, effort = keeper.keep(problem, y, effort, progress)
+        slipping = problem.tasks.let_slipping_go(y)
+        if slipping.any():
+            again, still, effort = keeper.keep(problem, y, effort, also=slipping)
+            if still.sum() <= violating.sum():
+                y, violating = again, still
         turned = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
         return Retargeted(
             targets.root_positions + y[:, :3],
@@ -505,8 +516,12 @@ class PersonTasks:
         weights = p.foot_height + near * (p.planted_height - p.foot_height)
         self._height_weights = np.repeat(weights, 2, axis=1)
 
-        steps, stands = np.diff(self._ends[..., :2], axis=0), on[1:] & on[:-1]
-        weights = p.standing * stands
+        steps = np.diff(self._ends[..., :2], axis=0)
+        down = on.reshape(len(on), 2, 2)  # heel and ball of each foot
+        stands = down[1:] & down[:-1]
+        # From the one on the other a foot goes in a step as it is wanted to.
+        passes = down[1:].any(axis=2) & down[:-1].any(axis=2) & ~stands.any(axis=2)
+        weights = p.standing * (stands | passes[..., None]).reshape(len(steps), -1)
         self.steps = steps.reshape(len(steps), -1)
         self.step_weights = np.repeat(weights, 2, axis=1)
         self._hands = [
@@ -519,6 +534,34 @@ class PersonTasks:
             self._hand_links += robot.frame_points([hand])[0]
             X_BF = frame.GetFixedPoseInBodyFrame()
             self._hand_turns.append(X_BF.rotation().matrix())
+
+    def let_slipping_go(self, y: np.ndarray) -> np.ndarray:
+        """Lets feet stand elsewhere that slip by more than `MOST_SLIP` in a contact:
+        its place is no longer held, and its steps are held more.
+
+        Args:
+            y: (T, m) unknowns.
+
+        Returns:
+            (T,) the frames of these contacts.
+        """
+        f, p = self.at(np.arange(len(y)), y).f, self._robot.parameters
+        lacks = (np.diff(f, axis=0) - self.steps).reshape(-1, 2, 2, 2)
+        stands = self.step_weights.reshape(lacks.shape)[..., 0] > 0.0  # (T - 1, 2, 2)
+        ways = np.where(stands, np.linalg.norm(lacks, axis=3), np.inf).min(axis=2)
+        # Flat, a foot turns about its ball.
+        more = np.where(stands.all(axis=2)[..., None], [1.0, _HELD_MORE], _HELD_MORE)
+        slips = np.zeros(len(y), dtype=bool)
+        for foot, way in enumerate(ways.T):
+            columns = slice(4 * foot, 4 * foot + 4)
+            for first, last in runs(np.isfinite(way)):
+                if way[first:last].sum() > MOST_SLIP:
+                    slips[first : last + 1] = True
+                    self._end_weights[first : last + 1, columns] = p.foot
+                    self.step_weights[first:last, columns] *= np.repeat(
+                        more[first:last, foot], 2, axis=1
+                    )
+        return slips
 
     def at(self, frames: np.ndarray, y: np.ndarray) -> AtFrames:
         """See `optimiser.Tasks`."""

@@ -17,7 +17,7 @@ from small_urdfs import joint, link, robot, write
 from crar_drake.errors import MotionError
 from crar_drake.references import pair_tables
 from crar_drake.references.mesh_clearance import ClearanceOfMeshes, MeshClearance
-from crar_drake.references.mesh_pairs import ROUNDING
+from crar_drake.references.mesh_pairs import ROUNDING, MeshPairs
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 
@@ -438,3 +438,31 @@ def test_an_arm_that_stretches_on_the_way(tmp_path):
     bent = 3.0 * np.sqrt(2.0 + 2.0 * np.cos(2.0)) + 4.0
     bound = meshes.advance(q, *meshes.meshes.poses(q))[0, 0]
     assert bent < path <= bound < 2.0 * path
+
+
+def test_what_touches_as_built_is_looked_for_once(tmp_path, monkeypatch):
+    """By meshes and postures: a hand elsewhere is looked at again, and what another
+    rule found as well."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    small, looked = box((-0.01,) * 3, (0.01,) * 3), []
+    distances = MeshPairs.distances
+    monkeypatch.setattr(
+        MeshPairs, "distances", lambda *a: looked.append(1) or distances(*a)
+    )
+
+    def as_built(far):
+        hand = small.copy().apply_translation([far, 0.0, 0.0])
+        looked.clear()
+        meshes = MeshPairs(robot_of(tmp_path, small, hand))
+        return meshes.not_of.as_built, len(meshes.rows), bool(looked)
+
+    assert as_built(0.0) == ([("post", "hand")], 0, True)
+    assert as_built(0.0) == ([("post", "hand")], 0, False)
+    assert as_built(1.0) == ([], 1, True)
+    assert as_built(1.0) == ([], 1, False)
+    (first, second) = (tmp_path / "cache" / "crar-drake" / "as_built").iterdir()
+    for file in (first, second):
+        file.write_bytes(file.read_bytes()[:-1])
+    assert as_built(0.0) == ([("post", "hand")], 0, True)
+    monkeypatch.setattr("crar_drake.references.mesh_pairs._RULE", -1)
+    assert as_built(0.0) == ([("post", "hand")], 0, True)

@@ -2,20 +2,25 @@
 side on which limbs bend."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from short_motions import short_amc
-from small_walker import HEIGHT, leg_points, walker
+from small_walker import HEIGHT, HIP, leg_points, walker
 
 from crar_drake.errors import ModelError
 from crar_drake.motion.catalogue import load_performer
+from crar_drake.motion.planted_feet import runs
+from crar_drake.motion.smooth_steps import smooth_step
 from crar_drake.robot.description import load_robot_description
-from crar_drake.trajectory.body_points import ROOT
+from crar_drake.trajectory import retargeting
+from crar_drake.trajectory.body_points import ROOT, Placed
 from crar_drake.trajectory.keeping import Keeper
-from crar_drake.trajectory.optimiser import Samples
-from crar_drake.trajectory.performer_targets import performer_targets
+from crar_drake.trajectory.optimiser import AtFrames, Samples
+from crar_drake.trajectory.performer_targets import FootTarget, performer_targets
 from crar_drake.trajectory.retargeting import (
+    MOST_SLIP,
     NearRowsAndFloor,
     PersonTasks,
     Retargeter,
@@ -281,3 +286,115 @@ def test_a_robot_that_lacks_a_frame_is_told_which(tmp_path):
     (tmp_path / "robot.yaml").write_text(text)
     with pytest.raises(ModelError, match="needs the task_frames left_knee; add"):
         Retargeter(load_robot_description(tmp_path))
+
+
+def test_from_heel_on_ball_a_foot_goes_as_it_is_wanted_to(robot, targets):
+    """In that step neither stands at both ends, and the foot is on the floor."""
+    foot, p = targets.feet["left"], robot.parameters
+    foot.on_heel[:], foot.on_ball[:] = False, False
+    foot.on_heel[3:8], foot.on_ball[8:12] = True, True
+    weights = PersonTasks(robot, targets).step_weights[:, :4]
+    expected = np.zeros_like(weights)
+    expected[3:8, :2], expected[7:11, 2:] = p.standing, p.standing
+    np.testing.assert_array_equal(weights, expected)
+
+
+def test_a_contact_that_slips_is_let_go(robot, targets):
+    """That one alone: its place counts less, and steps about which it turns more."""
+    left, right = targets.feet["left"], targets.feet["right"]
+    for foot in (left, right):
+        foot.on_heel[:], foot.on_ball[:] = False, False
+        foot.on_heel[3:12], foot.on_ball[6:12] = True, True
+        foot.on_ball[20:30] = True
+    tasks, y = PersonTasks(robot, targets), np.zeros((len(targets.root_positions), 0))
+    at = np.zeros((len(y), 8))
+    at[1:] = np.cumsum(tasks.steps, axis=0)
+    at[9:, 6:8] += [3e-3, 0.0]  # a ball whose heel stands has turned about that
+    at[25:, 2:4] += [0.0, 2.1e-3]
+    tasks.at = lambda frames, y: AtFrames(None, None, at[frames], None)
+    places, steps = tasks._end_weights.copy(), tasks.step_weights.copy()
+    slips = tasks.let_slipping_go(y)
+    np.testing.assert_array_equal(np.flatnonzero(slips), np.arange(20, 30))
+    places[20:30, :4] = robot.parameters.foot
+    np.testing.assert_array_equal(tasks._end_weights, places)
+    steps[20:29, 2:4] *= 5.0
+    np.testing.assert_array_equal(tasks.step_weights, steps)
+    # Flat, the ball is held more, and the heel as before.
+    at[9:, 4:6] += [3e-3, 0.0]
+    steps[3:6, 4:6] *= 5.0
+    steps[6:11, 6:8] *= 5.0
+    tasks.let_slipping_go(y)
+    np.testing.assert_array_equal(tasks.step_weights[:19], steps[:19])
+
+
+def standing_beside(robot, targets, frames, last, beside):
+    """Who stands, and from a frame on with the right foot so far from the left [m]."""
+    share = smooth_step((np.arange(frames) - last) / 8.0 + 1.0)[:, None]
+    feet = {}
+    for side, y in (("left", HIP[1]), ("right", -HIP[1])):
+        on, way = np.ones(frames, dtype=bool), np.zeros(3)
+        if side == "right":
+            on[last - 8 : last], way = False, np.array([0.0, HIP[1] - beside - y, 0.0])
+        height = np.where(on, 0.0, 0.03)
+        heel, ball = (
+            np.array([end[0], y, 0.0]) + share * way + height[:, None] * [0.0, 0.0, 1.0]
+            for end in (robot.legs[side].heel, robot.legs[side].ball)
+        )
+        heights = np.repeat(height[:, None], 4, axis=1)
+        feet[side] = FootTarget(heel, ball, on, on.copy(), heights)
+    return replace(
+        targets,
+        root_positions=np.tile([0.0, 0.0, HEIGHT - 0.02], (frames, 1)),
+        root_rotations=np.tile(robot._base[1], (frames, 1, 1)),
+        directions={
+            limb: np.repeat(way[:1], frames, axis=0)
+            for limb, way in targets.directions.items()
+        },
+        feet=feet,
+        hands={},
+    )
+
+
+def slip(robot, targets, found):
+    """The longest way of a heel or ball in one contact [m]."""
+    y = np.hstack([np.zeros((len(found.q), ROOT)), found.q])
+    there = robot._poses, robot.rest, robot._base, found.root_positions
+    placed = Placed(*there, found.root_rotations, y)
+    ends = placed.points(*robot.sole_points())[0][:, :4, :2]
+    ways = np.linalg.norm(np.diff(ends, axis=0), axis=2)
+    stands = targets.feet["right"].on_ball
+    stands = np.stack([np.ones_like(stands), stands])[[0, 0, 1, 1]].T
+    stands = stands[1:] & stands[:-1]
+    return max(
+        ways[a:b, end].sum() for end in range(4) for a, b in runs(stands[:, end])
+    )
+
+
+def test_a_foot_that_has_no_room_where_it_is_wanted_stands_elsewhere(
+    robot, targets, monkeypatch
+):
+    """One steps to where the other has stood for long: knees do not let it."""
+    targets = standing_beside(robot, targets, 150, 120, 0.01)
+    monkeypatch.setattr(retargeting, "performer_targets", lambda *_: targets)
+    found = robot.retarget(None, RATE)
+    assert not found.violating.any()
+    assert slip(robot, targets, found) < MOST_SLIP
+    monkeypatch.setattr(retargeting, "MOST_SLIP", np.inf)
+    assert slip(robot, targets, robot.retarget(None, RATE)) > MOST_SLIP
+
+
+def test_but_not_where_that_violates_more(robot, targets, monkeypatch):
+    targets = standing_beside(robot, targets, 150, 120, 0.01)
+    monkeypatch.setattr(retargeting, "performer_targets", lambda *_: targets)
+    keep, kept = Keeper.keep, []
+
+    def worse(self, *arguments, **named):
+        y, violating, effort = keep(self, *arguments, **named)
+        violating[40] |= bool(kept)
+        kept.append(y)
+        return y, violating, effort
+
+    monkeypatch.setattr(Keeper, "keep", worse)
+    found = robot.retarget(None, RATE)
+    assert len(kept) == 2 and not found.violating.any()
+    np.testing.assert_array_equal(found.q, kept[0][:, ROOT:])

@@ -279,12 +279,14 @@ def least_way(moves: np.ndarray, there: np.ndarray) -> np.ndarray:
                 x, y = 0.0, 0.0
                 break
             of_a, of_b = _nearest(ax, ay, p, q), _nearest(bx, by, p, q)
-            if np.hypot(*of_a) <= np.hypot(*of_b):
+            by_a, by_b = np.hypot(*of_a), np.hypot(*of_b)
+            # Of a segment through 0, rounding may leave both farther.
+            if not min(by_a, by_b) < size:
+                break
+            if by_a <= by_b:
                 (x, y), bx, by = of_a, p, q
             else:
                 (x, y), ax, ay = of_b, p, q
-            if not np.hypot(x, y) < size:
-                break
         found[k] = np.hypot(x, y)
     return found
 

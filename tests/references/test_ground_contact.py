@@ -110,6 +110,14 @@ def test_least_way_is_the_distance_of_the_convex_hull_from_0():
     assert 3 < inside < 37
 
 
+def test_a_piece_that_turns_about_a_point_of_its_edge_moves_nowhere_there():
+    """Wherever rounding puts 0 beside the segment that it is on."""
+    thirds = np.array([[6.0, 3.0], [0.0, -5.0], [-2.0, -1.0]]) / 3.0
+    for moves in (thirds, thirds[::-1], thirds[[2, 0, 1]]):
+        way = least_way(1e-3 * moves[None], np.ones((1, 3), dtype=bool))
+        assert way[0] < 1e-12
+
+
 def test_a_foot_that_turns_about_a_point_of_its_sole_does_not_slip():
     angles = np.linspace(0.0, 1.0, 200)
     corners = np.array([[-0.1, -0.04], [-0.1, 0.04], [0.12, -0.04], [0.12, 0.04]])

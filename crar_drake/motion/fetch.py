@@ -192,10 +192,7 @@ def _download(
         if attempt > 0:
             sleep(_FIRST_PAUSE * 2 ** (attempt - 1))
         try:
-            with urllib.request.urlopen(request, timeout=_TIMEOUT) as response:
-                return _receive(response, url, has_checksum, progress)
-        except _CutOff as error:
-            reason = str(error)
+            response = urllib.request.urlopen(request, timeout=_TIMEOUT)
         except urllib.error.HTTPError as error:
             error.close()
             if error.code in (404, 410):
@@ -221,6 +218,12 @@ def _download(
             reason = "the connection was cut off"
         except (OSError, http.client.HTTPException):
             reason = "the connection was cut off"
+        else:
+            try:
+                with response:
+                    return _receive(response, url, has_checksum, progress)
+            except _CutOff as error:
+                reason = str(error)
     raise MotionError(
         f"{url}: {reason}; gave up after {_ATTEMPTS} attempts. Run the same command "
         "later"

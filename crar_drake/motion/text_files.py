@@ -29,7 +29,7 @@ def read_motion_text(path: str | os.PathLike[str]) -> str:
         data = Path(path).read_bytes()
     except OSError as error:
         raise MotionError(
-            f"{path}: cannot read this motion: {error.strerror or error}"
+            f"{path}: cannot read this file: {error.strerror or error}"
         ) from error
     text = _decoded(data).replace("\r\n", "\n").replace("\r", "\n")
     return _OBEYED.sub(lambda found: ascii(found[0])[1:-1], text)

@@ -275,6 +275,16 @@ def test_cache_that_cannot_be_written(fetcher):
         fetcher()
 
 
+def test_who_shows_the_progress_may_fail_and_the_server_is_not_asked_again(
+    fetcher, site
+):
+    def closed(file: str, done: int, total: int | None) -> None:
+        raise BrokenPipeError(32, "Broken pipe")
+
+    assert "Broken pipe" in fetcher.refused(progress=closed)
+    assert site.requests == [ASF_URL] and fetcher.pauses == []
+
+
 def test_failed_refetch_leaves_the_good_files(fetcher, site):
     fetcher()
     for script in (["half"], ["500"], ["404"]):

@@ -188,8 +188,9 @@ class _AsfParser:
         self.name = lines.path.stem
         self.length_unit: float | None = None
         self.angle_unit = "degrees"
-        self.blocks: dict[str, dict[str, Any]] = {}  # of the bones, by name
-        self.block: dict[str, Any] | None = None  # that is open, and its line
+        # Of the bones, by name: what their lines say, and the number of the first.
+        self.blocks: dict[str, dict[str, Any]] = {}
+        self.block: dict[str, Any] | None = None  # that is open
         self.last_key = ""
         self.parents: dict[str, str] = {}
 
@@ -217,7 +218,7 @@ class _AsfParser:
                 handlers[section](words)
         if self.block is not None:
             self.lines.fail(
-                f"the file ends inside the bone begun on line {self.block['line']}; "
+                f"the file ends inside the bone begun on line {self.block['begin']}; "
                 f"it seems cut off"
             )
         for needed in ("root", "bonedata", "hierarchy"):
@@ -235,7 +236,7 @@ class _AsfParser:
     def check_closed(self, what: str) -> None:
         """Fails if a bone is open; `what` is said of it."""
         if self.block is not None:
-            self.lines.fail(f"the bone begun on line {self.block['line']} {what}")
+            self.lines.fail(f"the bone begun on line {self.block['begin']} {what}")
 
     @property
     def radians_per_unit(self) -> float:
@@ -282,7 +283,7 @@ class _AsfParser:
         key = words[0].lower()
         if key == "begin":
             self.check_closed("has no end")
-            self.block, self.last_key = {"line": self.lines.number}, ""
+            self.block, self.last_key = {"begin": self.lines.number}, ""
         elif self.block is None:
             self.lines.fail(f"expected begin, found {shown(words[0])}")
         elif key == "end":
@@ -361,7 +362,7 @@ class _AsfParser:
             waiting += [child for child, parent in inwards if parent == name]
         for name, block in self.blocks.items():
             if name not in bones:
-                self.lines.number = block["line"]
+                self.lines.number = block["begin"]
                 self.lines.fail(
                     f"bone {name} has no way to the root in :hierarchy; give it a "
                     f"parent there or remove the bone"

@@ -341,6 +341,12 @@ BAD_SKELETONS = [
     ("parent", ASF.replace("  hip thigh", "  hop thigh"), "hop", ["parent 'hop'"]),
     ("child", ASF.replace("thigh shin", "thigh fin"), "fin", ["bone 'fin'"]),
     ("orphan", ASF.replace("    thigh shin\n", ""), None, ["shin", "root"]),
+    (
+        "orphan with a key of its own",
+        ASF.replace("    thigh shin\n", "").replace("    id 3\n", "    line 99\n"),
+        None,
+        [":33: bone shin"],
+    ),
     ("cycle", ASF.replace("root hip", "shin hip"), None, ["hip", "root"]),
     ("two parents", ASF.replace("root hip", "root hip shin"), None, ["two parents"]),
     ("twice", ASF.replace("name shin", "name thigh"), None, ["thigh", "twice"]),
@@ -385,7 +391,8 @@ def test_bad_skeleton_names_file_line_and_matter(tmp_path, text, needle, words):
 
 def test_missing_files_and_folders(toy: Skeleton, tmp_path: Path) -> None:
     for path in (tmp_path / "absent", tmp_path):
-        assert str(path) in _refusal(read_asf, path)
+        told = _refusal(read_asf, path)
+        assert str(path) in told and "motion" not in told.replace(str(path), "")
         assert str(path) in _refusal(read_amc, path, toy)
 
 

@@ -114,7 +114,7 @@ def test_a_piece_that_turns_about_a_point_of_its_edge_moves_nowhere_there():
     """Wherever rounding puts 0 beside the segment that it is on."""
     thirds = np.array([[6.0, 3.0], [0.0, -5.0], [-2.0, -1.0]]) / 3.0
     for moves in (thirds, thirds[::-1], thirds[[2, 0, 1]]):
-        way = least_way(1e-3 * moves[None], np.ones((1, 3), dtype=bool))
+        way = least_way(np.array([moves]), np.ones((1, 3), dtype=bool))
         assert way[0] < 1e-12
 
 

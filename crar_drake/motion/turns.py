@@ -59,6 +59,12 @@ def smooth_turns(
         MotionError: the motion is too short, the cutoff too high, or it turns to and
             fro so fast that no mean is left.
     """
+    # Directions of points that coincide make no rotation.
+    if len(lost := np.flatnonzero(~(np.linalg.det(R) > 0.5))):
+        raise MotionError(
+            f"{what}: no orientation in frame {lost[0] + 1}, where points coincide; "
+            f"repair the file, or {otherwise}"
+        )
     quaternions = sign_continuous(Rotation.from_matrix(R).as_quat())
     try:
         filtered = low_pass(quaternions, frame_rate, cutoff)

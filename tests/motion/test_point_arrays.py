@@ -14,6 +14,7 @@ from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
 from crar_drake.motion.point_layouts import LAYOUTS
+from crar_drake.motion.turns import hip_turns
 
 
 @pytest.fixture(scope="module")
@@ -160,6 +161,22 @@ def test_wrong_files_are_told(truth, tmp_path) -> None:
     assert "no left_elbow, right_elbow among its points: pelvis" in refusal("a.npz")
     np.savez(tmp_path / "a.npz", positions=points[:1], names=names, fps=60)
     assert "single frame" in refusal("a.npz")
+
+
+def test_a_frame_that_says_no_orientation_is_named(truth, tmp_path) -> None:
+    """Lost ones are often written as zeros; in another hips alone coincide."""
+    names = LAYOUTS["SMPL-22"]
+    zeros = points_of(truth, names)
+    hips = zeros.copy()
+    zeros[30] = 0.0
+    hips[40, names.index("right_hip")] = hips[40, names.index("left_hip")]
+    for points, name in ((zeros, "zeros"), (hips, "hips")):
+        archive = tmp_path / f"{name}.npz"
+        np.savez(archive, positions=points, names=names, frame_rate=60.0)
+    with pytest.raises(MotionError, match="the hips: no orientation in frame 31"):
+        hip_turns(performed(tmp_path / "zeros.npz"))
+    with pytest.raises(MotionError, match="both hips are in one place in frame 41"):
+        performed(tmp_path / "hips.npz")
 
 
 def test_comments_encodings_and_escapes_of_a_csv(truth, tmp_path) -> None:

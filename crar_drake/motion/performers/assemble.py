@@ -101,8 +101,8 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
     """Returns the performer of a recording, in metres and the robot's world.
 
     Raises:
-        MotionError: joints are missing, there are fewer than two frames, or no unit
-            makes a person of it.
+        MotionError: joints are missing, there are fewer than two frames, no unit makes
+            a person of it, or its hips coincide.
     """
     p = recording.positions
     name = recording.name
@@ -242,6 +242,11 @@ def _orientations(
         z = world["neck"] - world["pelvis"]
     else:
         z = recording.pelvis_up @ R_WF.T
+    if (lost := ~y.any(axis=1) & z.any(axis=1)).any():
+        raise MotionError(
+            f"motion {recording.name}: both hips are in one place in frame "
+            f"{lost.argmax() + 1}, so that nothing says where it faces; repair the file"
+        )
     y = unit_vectors(y)
     z = unit_vectors(across(z, y))
     R_WP = np.stack([np.cross(y, z), y, z], axis=2)

@@ -296,7 +296,7 @@ class MeshPairs:
         rule = np.array([_RULE, ROUNDING, _HULLS_ENOUGH])
         name = digest_of([R, p, *surfaces, self.rows, rule])
         place = cached("as_built") / f"{name}.npy"
-        with suppress(OSError, ValueError, EOFError):  # there is none, or it is cut off
+        with suppress(Exception):  # there is none, or it is damaged in whatever way
             kept = np.load(place, allow_pickle=False)
             if kept.dtype == bool and kept.shape == (len(self.rows),):
                 return kept

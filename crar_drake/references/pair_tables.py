@@ -175,12 +175,10 @@ class PairTable:
 
     def _kept(self) -> np.ndarray:
         """The boxes of the cache, or a first one."""
-        try:
+        with suppress(Exception):  # there are none, or they are damaged somehow
             boxes = np.load(self._place, allow_pickle=False)
             if boxes.dtype == _BOX and boxes.ndim == 1 and len(boxes):
                 return boxes
-        except (OSError, ValueError, EOFError):
-            pass  # there are none, or they are cut off
         boxes = np.zeros(1, dtype=_BOX)
         boxes["half"], boxes["rho"] = _FARTHEST, self._rho
         boxes["loss"] = boxes["half"] @ self._rho

@@ -461,8 +461,15 @@ def test_what_touches_as_built_is_looked_for_once(tmp_path, monkeypatch):
     assert as_built(1.0) == ([], 1, True)
     assert as_built(1.0) == ([], 1, False)
     (first, second) = (tmp_path / "cache" / "crar-drake" / "as_built").iterdir()
-    for file in (first, second):
-        file.write_bytes(file.read_bytes()[:-1])
-    assert as_built(0.0) == ([("post", "hand")], 0, True)
+    whole = [file.read_bytes() for file in (first, second)]
+    # Cut off; a header without its end; an archive's first bytes.
+    for damaged in (
+        lambda x: x[:-1],
+        lambda x: x.replace(b"}", b" "),
+        b"PK\x03\x04".__add__,
+    ):
+        for file, content in zip((first, second), whole, strict=True):
+            file.write_bytes(damaged(content))
+        assert as_built(0.0) == ([("post", "hand")], 0, True)
     monkeypatch.setattr("crar_drake.references.mesh_pairs._RULE", -1)
     assert as_built(0.0) == ([("post", "hand")], 0, True)

@@ -76,7 +76,7 @@ def test_beyond_the_first_box_nothing_is_said(balls):
 
 
 def test_what_was_measured_is_kept(balls, cache):
-    """For the next process; a file that is cut off is measured again, and another
+    """For the next process; a file that is damaged is measured again, and another
     robot's is not taken."""
     q = np.concatenate(random_ways(3))
     first = ClearanceOfMeshes(balls)
@@ -88,8 +88,10 @@ def test_what_was_measured_is_kept(balls, cache):
     assert again.num_in_tables == first.num_in_tables
     np.testing.assert_array_equal(known.on_ways, found.on_ways)
     (file,) = (cache / "crar-drake" / "meshes").iterdir()
-    file.write_bytes(file.read_bytes()[:-100])
-    assert ClearanceOfMeshes(balls).num_in_tables == 0
+    whole = file.read_bytes()
+    for damaged in (whole[:-100], whole.replace(b"}", b" ", 1), b"PK\x03\x04" + whole):
+        file.write_bytes(damaged)
+        assert ClearanceOfMeshes(balls).num_in_tables == 0
 
 
 def test_another_joint_is_another_table(tmp_path, balls):

@@ -1,7 +1,7 @@
 """Does a robot that stands stay on its feet, in Drake's contact simulation?
 
-    python -m benchmarks.standing [--runs 20] [--seeds 1 2 ...] [--only pushed ...]
-                                  [--pelvis] [--page PAGE]
+    python -m benchmarks.standing [--runs 20] [--seeds 1 2 ...] [--pelvis]
+                                  [--page PAGE]
 
 Wrists of robots that nothing but a floor carries are asked for swings of up to 3 Hz and
 30 cm, with `balance` and without. The controller believes the model; the robot is as
@@ -122,13 +122,7 @@ def cells(runs: Sequence[dict]) -> list[str]:
     ]
 
 
-def run_all(
-    runs: int,
-    seconds: float,
-    seed: int,
-    pelvis: bool = False,
-    only: Sequence[str] = (),
-) -> Kept:
+def run_all(runs: int, seconds: float, seed: int, pelvis: bool = False) -> Kept:
     """The runs of one seed, from where it was stopped.
 
     Args:
@@ -136,14 +130,13 @@ def run_all(
         seconds: of a run.
         seed: of all dice.
         pelvis: whether it sways and squats.
-        only: of these conditions alone, all runs of each; by default of all.
     """
     kept = Kept("standing-pelvis" if pelvis else "standing", seed)
     for k in range(runs):
         dice = int(np.random.default_rng([seed, k]).integers(2**31))
         for robot in ROBOTS:
-            for condition in only or CONDITIONS:
-                rest = k >= runs // 4 and not only
+            for condition in CONDITIONS:
+                rest = k >= runs // 4
                 if condition != AS_BELIEVED and rest:
                     continue
                 for law in ("balance",) if rest else ("balance", "without"):
@@ -174,16 +167,11 @@ def main(argv: Sequence[str] | None = None) -> None:
         help="of each seed, of a robot as believed with balance; a quarter else",
     )  # fmt: skip
     parser.add_argument("--seconds", type=float, default=10.0, help="of a run")
-    kinds = ", ".join(CONDITIONS).replace("%", "%%")  # which help would format
-    parser.add_argument(
-        "--only", nargs="+", choices=CONDITIONS, default=(), metavar="CONDITION",
-        help=f"as many runs of each of these: {kinds}",
-    )  # fmt: skip
     add_seeds(parser, "standing")
     parser.add_argument("--pelvis", action="store_true", help="sways and squats")
-    options = benchmark.parse(argv, lambda options: " ".join(options.only) or "swings")
+    options = benchmark.parse(argv, lambda _: "swings")
     seeds = [
-        run_all(options.runs, options.seconds, seed, options.pelvis, options.only)
+        run_all(options.runs, options.seconds, seed, options.pelvis)
         for seed in options.seeds
     ]
     found: dict[tuple[str, str, str], list[dict]] = {
@@ -195,8 +183,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     for kept in seeds:
         for key, figure in kept.results.items():
             *kind, length, _ = key.split("; ")
-            asked = not options.only or kind[1] in options.only
-            if asked and length == f"{options.seconds:g} s":
+            if length == f"{options.seconds:g} s":
                 found[tuple(kind)].append(figure)
     rows = [[*kind, *cells(runs)] for kind, runs in found.items() if runs]
     if not rows:

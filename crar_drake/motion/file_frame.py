@@ -139,7 +139,8 @@ def find_frame(
 
 
 def _vector(axis: str) -> np.ndarray:
-    return float(f"{axis[0]}1") * np.eye(3)["xyz".index(axis[1])]
+    sign = -1.0 if axis[0] == "-" else 1.0
+    return sign * np.eye(3)["xyz".index(axis[1])]
 
 
 def trunk_and_legs(p: Points) -> np.ndarray:

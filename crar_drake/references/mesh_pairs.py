@@ -7,7 +7,6 @@ are apart, else of the triangles.
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -21,12 +20,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.equations.kinematics import link_poses
-from crar_drake.errors import WriteError
-from crar_drake.files import whole_file
 from crar_drake.references.hull_gaps import hull_corners, hull_gaps
+from crar_drake.references.kept_arrays import keep_array, place_of, read_kept
 from crar_drake.references.near_parts import Parts, divided
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.resources import cached
 from crar_drake.robot.description import find_joint, zero_positions
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot_import.link_meshes import LinkMesh
@@ -294,24 +291,28 @@ class MeshPairs:
             x for mesh in self.meshes for x in (mesh.vertices, mesh.faces.astype(int))
         ]
         rule = np.array([_RULE, ROUNDING, _HULLS_ENOUGH])
-        name = digest_of([R, p, *surfaces, self.rows, rule])
-        place = cached("as_built") / f"{name}.npy"
-        with suppress(Exception):  # there is none, or it is damaged in whatever way
-            kept = np.load(place, allow_pickle=False)
-            if kept.dtype == bool and kept.shape == (len(self.rows),):
-                return kept
+        place = place_of("as_built", [R, p, *surfaces, self.rows, rule])
+        touch = read_kept(place, bool)
+        if touch is None or touch.shape != (len(self.rows),):
+            touch = self._touch_in(R, p)
+            keep_array(place, touch)
+        return touch
+
+    def _touch_in(self, R: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """(P,) whether a pair touches in all of K postures.
+
+        Args:
+            R, p: (K, M, 3, 3) and (K, M, 3) poses of the meshes in them [m].
+        """
         touch = np.ones(len(self.rows), dtype=bool)
-        for k in range(2):
+        for at in zip(R, p, strict=True):
             some = np.flatnonzero(touch)
             rows = self.rows[some]
-            X = relative_poses(R[k], p[k], *rows.T)
+            X = relative_poses(*at, *rows.T)
             apart, parted = self.distances(rows, *X)
             touch[some] = apart == 0.0
             for i in np.flatnonzero((apart > 0.0) & ~parted):
                 touch[some[i]] = self.one_inside(*rows[i], X[0][i], X[1][i])
-        # Without a cache they are only looked for again.
-        with suppress(WriteError), whole_file(place) as path:
-            np.save(path, touch)
         return touch
 
     def poses(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -336,12 +337,3 @@ def relative_poses(R: np.ndarray, p: np.ndarray, a, b) -> tuple:
     R_AW = R[..., a, :, :].swapaxes(-1, -2)
     offset = p[..., b, :] - p[..., a, :]
     return R_AW @ R[..., b, :, :], (R_AW @ offset[..., None])[..., 0]
-
-
-def digest_of(arrays: Iterable[np.ndarray]) -> str:
-    """A name by the contents of arrays."""
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(str(array.shape).encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:32]

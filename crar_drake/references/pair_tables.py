@@ -23,16 +23,12 @@ that bounds do not depend on which motions were looked at before.
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.errors import WriteError
-from crar_drake.files import whole_file
-from crar_drake.references.mesh_pairs import MeshPairs, digest_of, relative_poses
+from crar_drake.references.kept_arrays import keep_array, place_of, read_kept
+from crar_drake.references.mesh_pairs import MeshPairs, relative_poses
 from crar_drake.references.near_parts import near_approach
-from crar_drake.resources import cached
 
 # The first box reaches so far from 0 [rad or m]. Nothing is measured in a box in which
 # the distance can change by more than this [m].
@@ -100,7 +96,7 @@ class PairTable:
         self._rest[self._columns] = 0.0
         self._slides = np.linalg.norm(tree.slides, axis=1)
         self._rho, geometry = self._farthest(joints)
-        self._place = cached("meshes") / f"{self._digest(geometry)}.npy"
+        self._place = place_of("meshes", self._depends_on(geometry))
         self._boxes = self._kept()
         self._num_kept = self.num_measured
 
@@ -168,17 +164,14 @@ class PairTable:
         """Writes what was measured to the cache, if it is more than is there."""
         if self.num_measured < self._num_kept + _WORTH_KEEPING:
             return
-        # Without a cache it is only measured again.
-        with suppress(WriteError), whole_file(self._place) as path:
-            np.save(path, self._boxes)
+        keep_array(self._place, self._boxes)
         self._num_kept = self.num_measured
 
     def _kept(self) -> np.ndarray:
         """The boxes of the cache, or a first one."""
-        with suppress(Exception):  # there are none, or they are damaged somehow
-            boxes = np.load(self._place, allow_pickle=False)
-            if boxes.dtype == _BOX and boxes.ndim == 1 and len(boxes):
-                return boxes
+        boxes = read_kept(self._place, _BOX)
+        if boxes is not None and boxes.ndim == 1 and len(boxes):
+            return boxes
         boxes = np.zeros(1, dtype=_BOX)
         boxes["half"], boxes["rho"] = _FARTHEST, self._rho
         boxes["loss"] = boxes["half"] @ self._rho
@@ -186,8 +179,8 @@ class PairTable:
         boxes["first"] = boxes["inside"] = -1
         return boxes
 
-    def _digest(self, geometry: list[np.ndarray]) -> str:
-        """Of all that distances and bounds depend on."""
+    def _depends_on(self, geometry: list[np.ndarray]) -> list[np.ndarray]:
+        """All that distances and bounds depend on."""
         for link in self._links:
             geometry = [*geometry, link.vertices, link.faces.astype(np.int64)]
         limits = [
@@ -200,7 +193,7 @@ class PairTable:
             _COARSE,
             self._near,
         ]
-        return digest_of([*geometry, np.array(limits)])
+        return [*geometry, np.array(limits)]
 
     def _farthest(self, joints: tuple[int, int]) -> tuple[np.ndarray, list[np.ndarray]]:
         """(2,) rho of A and B [m/rad or 1]; and what says how they are carried: with

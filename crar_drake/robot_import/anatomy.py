@@ -21,7 +21,7 @@ _LEG_WORDS = ("leg", "hip", "knee", "ankle", "foot", "thigh", "calf", "shank")
 _ARM_WORDS = ("arm", "shoulder", "elbow", "wrist", "hand")
 MIRROR_TOLERANCE = 0.03  # [m]
 _SAME = 2e-3  # [m] between a link's origin and that of its twin's image
-_MIRROR, _HALF_TURN = (1, -1, 1), (-1, -1, 1)
+MIRROR, HALF_TURN = (1, -1, 1), (-1, -1, 1)
 _GRIPS, _TURNS = ("grip", "jaw", "claw"), ("yaw", "roll", "pitch", "wrist", "rot")
 _HAND_SHARE = 0.5  # of the way from the root that fingers reach beyond it, at most
 _ASIDE = 0.02  # [m] between the first joints of two arms, at least
@@ -63,7 +63,7 @@ def find_anatomy(robot: SourceRobot) -> Arms | None:
     vertical takes one to the other, with all joints at zero.
     """
     X = robot.poses()
-    for image in (_MIRROR, _HALF_TURN):
+    for image in (MIRROR, HALF_TURN):
         pairs = [
             pair
             for pair in mirrored_chains(robot, FEWEST_JOINTS, image)
@@ -143,7 +143,7 @@ def link_twins(robot: SourceRobot) -> dict[str, str]:
             for a, b in itertools.product(own, others)
             if any(
                 np.abs((p[a] - p[link]) * image - (p[b] - p[twin])).max() < _SAME
-                for image in (_MIRROR, _HALF_TURN)
+                for image in (MIRROR, HALF_TURN)
             )
         ]
         for a, b in like:
@@ -163,7 +163,7 @@ def mirrored_links(robot: SourceRobot, anatomy: Arms | None) -> dict[str, str]:
 
 
 def mirrored_chains(
-    robot: SourceRobot, fewest: int, image: tuple[int, int, int] = _MIRROR
+    robot: SourceRobot, fewest: int, image: tuple[int, int, int] = MIRROR
 ) -> list[Arms]:
     """Pairs of chains of so many joints, or more, that mirror each other: a place of
     one times `image` is that of the other.
@@ -173,7 +173,7 @@ def mirrored_chains(
     """
     X = robot.poses()
     ends = chain_ends(robot)
-    ways = {end: [j for j in robot.path_to(end) if j.moves] for end in ends}
+    ways = {end: robot.moving_to(end) for end in ends}
     found = []
     for a, b in itertools.permutations(ends, 2):
         if not ways[a] or not ways[b]:
@@ -181,7 +181,7 @@ def mirrored_chains(
         p_a, p_b = (X[ways[end][-1].child].translation() for end in (a, b))
         if np.abs(p_a - p_b * image).max() > MIRROR_TOLERANCE:
             continue
-        if image == _HALF_TURN and abs(p_a[0]) > abs(p_a[1]):
+        if image == HALF_TURN and abs(p_a[0]) > abs(p_a[1]):
             continue  # one is ahead of the other
         common = _common([ways[a], ways[b]])
         arm_a, arm_b = ways[a][common:], ways[b][common:]
@@ -200,10 +200,7 @@ def mirrored_chains(
 
 def own_joints(robot: SourceRobot) -> dict[str, list[Joint]]:
     """The end of each chain to its moving joints beyond those that all have."""
-    ways = {
-        end: [joint for joint in robot.path_to(end) if joint.moves]
-        for end in chain_ends(robot)
-    }
+    ways = {end: robot.moving_to(end) for end in chain_ends(robot)}
     common = _common(list(ways.values())) if len(ways) > 1 else 0
     return {end: way[common:] for end, way in ways.items()}
 
@@ -241,7 +238,7 @@ def chain_ends(robot: SourceRobot) -> list[str]:
         # A jaw opens one way from closed, at zero, at the end of an arm that needs no
         # more joints.
         opens = joint.lower == 0.0 or joint.upper == 0.0
-        before = sum(each.moves for each in robot.path_to(joint.parent))
+        before = len(robot.moving_to(joint.parent))
         jaw = opens and not _depth(robot, joint.child) and before >= _ENOUGH
         named = "finger" in name or "thumb" in name
         # A telescope's joints follow each other, too, or a forearm's its elbow's, and
@@ -273,10 +270,7 @@ def chain_ends(robot: SourceRobot) -> list[str]:
 
 def longest_chains(robot: SourceRobot) -> list[str]:
     """The ends of the chains that have the most joints."""
-    count = {
-        end: sum(joint.moves for joint in robot.path_to(end))
-        for end in chain_ends(robot)
-    }
+    count = {end: len(robot.moving_to(end)) for end in chain_ends(robot)}
     longest = max(count.values())
     return [end for end, joints in count.items() if joints == longest]
 

@@ -268,7 +268,7 @@ def guess_tool(robot: SourceRobot) -> dict[str, FrameChoice]:
     else the hand. Robots without such a chain of four or more joints have none.
     """
     end, *others = longest_chains(robot)
-    way = [joint for joint in robot.path_to(end) if joint.moves]
+    way = robot.moving_to(end)
     if len(way) < FEWEST_JOINTS or others:
         return {}
     welded = welded_below(robot, way[-1].child)

@@ -12,12 +12,11 @@ import numpy as np
 
 from crar_drake.files import write_whole
 from crar_drake.robot_import import capsule_fitting
+from crar_drake.robot_import.anatomy import HALF_TURN, MIRROR
 from crar_drake.robot_import.capsule_fitting import Fit, FittedCapsule, fit_link
 from crar_drake.robot_import.meshes import Looks, Part, vertices_of
 from crar_drake.robot_import.source_robot import SourceRobot
 
-_MIRROR = np.diag([1.0, -1.0, 1.0])
-_HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 _ALIKE = 0.01  # [m] that the boxes about a link and its image may differ by
 
 
@@ -118,9 +117,9 @@ class LinkFits:
         """Fits of a link and its twin; None where they are not worth it."""
         parts, others = self._segments[link], self._segments[twin]
         alone = None
-        for image in (_MIRROR, _HALF_TURN):
+        for image in (MIRROR, HALF_TURN):
             # From the link's frame to its twin's, with origins on each other.
-            turned = self._R[twin].T @ image @ self._R[link]
+            turned = self._R[twin].T @ np.diag(image) @ self._R[link]
             if not _alike(parts, others, turned):
                 continue
             brought = [

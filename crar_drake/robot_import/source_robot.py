@@ -236,6 +236,10 @@ class SourceRobot:
             link = joint.parent
         return way[::-1]
 
+    def moving_to(self, link: str) -> list[Joint]:
+        """Those of `path_to` that move."""
+        return [joint for joint in self.path_to(link) if joint.moves]
+
     def poses(self, positions: Positions | None = None) -> Poses:
         """X_FL of every link L, with joints at zero or where `positions` says."""
         positions = positions or {}

@@ -131,6 +131,7 @@ class _Reader:
         read = SourceRobot(name, self._path, self._links, self._joints)
         check_tree(read)
         self._set_upright(read.root)
+        # Another tree, if a link was added that carries the root.
         robot = SourceRobot(name, self._path, self._links, self._joints)
         found = tuple(self._loop(robot, *each) for each in loops)
         return replace(robot, loops=found, notes=tuple(self._notes))

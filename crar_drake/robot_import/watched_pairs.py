@@ -152,7 +152,7 @@ def _hands_together(robot: SourceRobot) -> set[frozenset[str]]:
         elbows = [arm.joints[elbow_index(X, arm)] for arm in anatomy]
         sides = [{*robot.below(elbow.child)} for elbow in elbows]
     elif len(ends := longest_chains(robot)) == 2:
-        ways = [[j for j in robot.path_to(end) if j.moves] for end in ends]
+        ways = [robot.moving_to(end) for end in ends]
         if not {j.name for j in ways[0]} & {j.name for j in ways[1]}:
             sides = [{*robot.below(w[min(3, len(w) - 1)].child)} for w in ways if w]
     if len(sides) != 2:

@@ -138,6 +138,8 @@ def pair_margins(
     """(L3), (L4): h of two rows a pair, where the robot comes to rest.
 
     At the state by its velocity, d(q) + T dd/dq q_dot, and at q_s itself, d(q_s).
+    Each pair of shapes has its own: one of the nearest two alone would jump where two
+    are equally near, and let the first go.
 
     Args:
         d: (2, Nc) signed distances at q and at q_s [m].

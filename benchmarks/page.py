@@ -81,11 +81,12 @@ class Part:
     found: str = ""
 
     def markdown(self) -> str:
-        """What stands in the part's block."""
-        texts = [textwrap.indent(self.command, "    ")]
+        """What stands in the part's block; the results say more."""
+        texts = [textwrap.indent(_brief(self.command), "    ")]
         if self.found:
             texts.append(_wrapped(self.found))
-        about = " ".join(f"{text}." for text in (self.machine, self.law) if text)
+        machine, law = _without_versions(self.machine, self.law)
+        about = " ".join(f"{text}." for text in (machine, law) if text)
         texts += [_wrapped(about), *(table.markdown() for table in self.tables)]
         return "\n\n".join(text.strip("\n") for text in texts if text) + "\n"
 
@@ -334,6 +335,22 @@ def _one_line_a_row(parts: dict) -> str:
     text = re.sub(r'\[\n {5,6}(?=")', "[", text)
     text = re.sub(r'\n {5,6}(?=")', " ", text)
     return re.sub(r"\n {4,5}(?=\])", "", text) + "\n"
+
+
+def _brief(command: str) -> str:
+    """A command without its page, and with recordings in the shell's braces."""
+
+    def braced(found: re.Match) -> str:
+        return f"cmu:{{{','.join(found[0].replace('cmu:', '').split(' '))}}}"
+
+    return re.sub(r"cmu:\w+(?: cmu:\w+)+", braced, re.sub(r" --page \S+", "", command))
+
+
+def _without_versions(machine: str, law: str) -> tuple[str, str]:
+    """A `machine_line` and a `version_line`; their versions stay in the results."""
+    same = ("threads of BLAS ", "Python ")
+    shown = [said for said in machine.split("; ") if not said.startswith(same)]
+    return "; ".join(shown), re.sub(r"^crar_drake \S+, c(?=ommit)", "C", law)
 
 
 def _wrapped(text: str) -> str:

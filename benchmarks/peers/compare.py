@@ -33,7 +33,7 @@ from benchmarks.peers.peers import (
     Peer,
 )
 from benchmarks.peers.problem import CASES, write_problem
-from benchmarks.peers.report import Row, tables, versions
+from benchmarks.peers.report import Row, tables
 from benchmarks.peers.tuning import choose, holds, load_settings, save_settings
 from crar_drake import CrarError
 from crar_drake.commands.options import count
@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     rows = run_all(
         entries(chosen), pythons, folder, out / "runs", judge, arguments.rounds
     )
-    benchmark.report(tables(rows, load_settings()), versions=versions(rows))
+    benchmark.report(tables(rows, load_settings()))
 
 
 def add_only(benchmark: Benchmark) -> None:

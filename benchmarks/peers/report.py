@@ -106,7 +106,7 @@ TITLES = {
 
 
 def tables(rows: Sequence[Row], chosen: dict[str, dict[str, dict]]) -> list[Table]:
-    """The figures of all controllers and cases, and how they were set.
+    """The figures of all controllers and cases, how they were set, and versions.
 
     Args:
         rows: of all controllers and cases.
@@ -120,8 +120,7 @@ def tables(rows: Sequence[Row], chosen: dict[str, dict[str, dict]]) -> list[Tabl
     names = dict.fromkeys(row.name for row in rows)
     notes = [[name, NOTES[name]] for name in names if name in NOTES]
     found.append(Table(["controller", "what it is"], notes, "Controllers"))
-    found.append(_settings(rows))
-    return found
+    return [*found, _settings(rows), _versions(rows)]
 
 
 def _grids(chosen: dict[str, dict[str, dict]]) -> Table:
@@ -161,11 +160,13 @@ def _as_code(settings: dict) -> str:
     return f"`{json.dumps(settings)}`" if settings else "as they come"
 
 
-def versions(rows: Sequence[Row]) -> str:
-    """Distributions and versions that took part."""
-    found = {pair for row in rows for pair in row.versions.items()}
-    ordered = sorted(found, key=lambda pair: (pair[0] != "python", pair))
-    return ", ".join(f"{name} {number}" for name, number in ordered)
+def _versions(rows: Sequence[Row]) -> Table:
+    """Distributions that took part; some in several environments."""
+    found: dict[str, set[str]] = {}
+    for name, number in (pair for row in rows for pair in row.versions.items()):
+        found.setdefault(name, set()).add(number)
+    lines = [[name, ", ".join(sorted(found[name]))] for name in sorted(found)]
+    return Table(["package", "versions"], lines, "Versions")
 
 
 def _share(share: float) -> str:

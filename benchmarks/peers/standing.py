@@ -617,14 +617,16 @@ def main(argv: Sequence[str] | None = None) -> None:
                 print(*rows[group][-1], sep=" | ", file=sys.stderr, flush=True)
                 if lost := merged(figures).lost:
                     print(f"off, and not judged: {lost:.1%}", file=sys.stderr)
-    taken = "; ".join(
-        f"{peer.name}: "
-        + ", ".join(f"{k} {v:g}" for k, v in kept[peer.name]["settings"].items())
-        + f" ({kept[peer.name]['right']} of {kept[peer.name]['tried']} with nothing "
-        "wrong)"
+    taken = [
+        [
+            peer.name,
+            ", ".join(f"{k} {v:g}" for k, v in kept[peer.name]["settings"].items()),
+            f"{kept[peer.name]['right']} of {kept[peer.name]['tried']}",
+        ]
         for peer in peers
-    )
-    benchmark.report([Table(HEADER, sum(rows.values(), []))], f"Settings: {taken}.")
+    ]
+    settings = Table(("controller", "settings", "nothing wrong"), taken, "Settings")
+    benchmark.report([Table(HEADER, sum(rows.values(), [])), settings])
 
 
 if __name__ == "__main__":

@@ -28,6 +28,22 @@ def test_a_page_is_what_its_results_make_of_it(name):
     assert read_parts(page)
 
 
+def test_a_page_leaves_out_what_the_results_keep():
+    """A command runs as it stands; of a machine stays what durations depend on."""
+    machine = "a processor, 2 cores; threads of BLAS 1; Python 3, NumPy 2; pink 4"
+    command = "python -m b some_robot cmu:05_02 cmu:13_17 --n 1 --page docs/b.md"
+    text = Part(command, machine, "crar_drake 0.1.0, commit 12ab", []).markdown()
+    shown, about = text.split("\n\n")
+    assert about == "a processor, 2 cores; pink 4. Commit 12ab.\n"
+    done = subprocess.run(
+        ["bash", "-c", f"python() {{ echo python $@; }}\n{shown}"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert f"{done.stdout.strip()} --page docs/b.md" == command
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_all_that_is_kept_is_shown_and_listed(name):
     text = (PAGES / f"{name}.md").read_text(encoding="utf-8")

@@ -17,11 +17,11 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from crar_drake import AddRobot, BalanceParameters, add_contact_ground, load_scenario
+from crar_drake import AddRobot, add_contact_ground, load_scenario
 from crar_drake.run import run_scenario
 
 seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 12.0
-for balance in (None, BalanceParameters()):
+for balance in (None, load_scenario("tipping_cell").controller.balance):
     scenario = load_scenario("tipping_cell")
     scenario.duration, scenario.controller.balance = seconds, balance
     result = run_scenario(scenario)

@@ -119,6 +119,7 @@ class ClearanceOfMeshes:
     Attributes:
         robot: whose they are.
         meshes: the pairs, and what they are not.
+        tables: of the pairs with two joints between them, by number.
     """
 
     def __init__(self, robot: WholeBody) -> None:
@@ -133,7 +134,7 @@ class ClearanceOfMeshes:
         a, b = self.meshes.rows.T
         self._a_alone = moved_by[a] & ~moved_by[b]  # (P, nv)
         self._b_alone = moved_by[b] & ~moved_by[a]
-        self._tables = self._find_tables()
+        self.tables = self._find_tables()
 
     def _find_tables(self) -> dict[int, PairTable]:
         """Of the pairs with two joints between them, by number."""
@@ -166,7 +167,7 @@ class ClearanceOfMeshes:
         shape = len(self.meshes.rows), len(q)
         at, at_done = np.full(shape, -np.inf), np.zeros(shape, dtype=bool)
         on, on_done = at[:, 1:].copy(), at_done[:, 1:].copy()
-        for row, table in self._tables.items():
+        for row, table in self.tables.items():
             at[row], at_done[row] = table.bounds(q, q)
             on[row], on_done[row] = table.bounds(q[:-1], q[1:])
             table.keep()
@@ -179,8 +180,8 @@ class ClearanceOfMeshes:
             row: which pair.
             q: (nq,) positions of the plant.
         """
-        if row in self._tables:
-            return self._tables[row].one_inside(q)
+        if row in self.tables:
+            return self.tables[row].one_inside(q)
         a, b = self.meshes.rows[row]
         frames = [self.meshes.meshes[k].frame for k in (a, b)]
         R, p = self.meshes.poses(q[None])
@@ -189,7 +190,7 @@ class ClearanceOfMeshes:
     @property
     def num_in_tables(self) -> int:
         """Distances that were measured for tables."""
-        return sum(table.num_measured for table in self._tables.values())
+        return sum(table.num_measured for table in self.tables.values())
 
     def find(
         self, joint_positions: np.ndarray, enough: float = _ENOUGH

@@ -273,7 +273,11 @@ class Keeper:
             margins=margins,
             effort=effort or Effort(),
         )
-        self._solve(problem, y, state, violating, range(_TRIES), progress)
+        solved = problem
+        if self._meshes is not None:
+            nowhere = np.zeros((self._meshes.num_pairs, frames), dtype=bool)
+            solved = self._with_meshes(problem, nowhere, 1)
+        self._solve(solved, y, state, violating, range(_TRIES), progress)
         if self._meshes is not None:
             self._part_meshes(problem, y, state)
         return y, self._violating(state.margins), state.effort

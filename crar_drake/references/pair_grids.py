@@ -29,7 +29,7 @@ _CLOSE, _SHARE = 1e-4, 0.1
 _FAR = 1e-2
 # Of how cells are measured: kept grids of another one are not read.
 _RULE = 1
-_WORTH_KEEPING = 20  # cells more than were kept before
+_WORTH_KEEPING = 5  # cells more than were kept before
 _MIDDLE, _COLUMNS = np.int64(1) << 20, np.int64(1) << 21  # of numbers of cells
 
 # key: which cell, see `key_of`. d: at its corners, NaN where surfaces meet and no way

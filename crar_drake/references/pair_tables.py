@@ -66,6 +66,16 @@ _BOX = np.dtype(
 )
 
 
+def _seen(boxes: np.ndarray) -> tuple[np.ndarray, ...]:
+    """What `through_boxes` asks of boxes."""
+    low, high, loss = (boxes[name] for name in ("low", "high", "loss"))
+    close = (low >= np.minimum(ENOUGH, SHARE * high)) & (low > 0.0)
+    finest = np.where(high > loss, _FINEST, _FINEST_WHERE_MET)
+    ready = boxes["measured"] & (close | (loss < finest))
+    fields = (boxes[name].copy() for name in ("centre", "half", "first", "low"))
+    return *fields, close, ready
+
+
 class PairTable:
     """Of one pair of meshes A and B.
 
@@ -107,7 +117,7 @@ class PairTable:
         self.turns = tree.turns[list(joints)].any(axis=1)
         self.depends_on = self._depends_on(geometry)
         self._place = place_of("meshes", self.depends_on)
-        self._boxes = self._kept()
+        self._boxes, self._seen = self._kept(), None
         self._num_kept = self.num_measured
 
     @property
@@ -129,21 +139,13 @@ class PairTable:
         """
         ends = [np.ascontiguousarray(q[:, self.columns]) for q in (start, end)]
         while True:
-            boxes = self._boxes
-            low, high, loss = (boxes[name] for name in ("low", "high", "loss"))
-            close = (low >= np.minimum(ENOUGH, SHARE * high)) & (low > 0.0)
-            finest = np.where(high > loss, _FINEST, _FINEST_WHERE_MET)
-            ready = boxes["measured"] & (close | (loss < finest))
-            bounds, done, asked = through_boxes(
-                *ends,
-                *(boxes[name].copy() for name in ("centre", "half", "first", "low")),
-                close,
-                ready,
-            )
+            seen = self._seen = self._seen or _seen(self._boxes)
+            bounds, done, asked = through_boxes(*ends, *seen)
             some = np.flatnonzero(asked)
             if not len(some):
                 break
-            halved = boxes["measured"][some] | (loss[some] > _COARSE)
+            boxes, self._seen = self._boxes, None
+            halved = boxes["measured"][some] | (boxes["loss"][some] > _COARSE)
             for box in some[~halved]:
                 self._measure(boxes[box])
             self._halve(some[halved])
@@ -285,7 +287,7 @@ class PairTable:
         steps = np.ones((1, len(frames)))
         found = near_approach(
             *(R, p, self._frames, a.parts, b.parts, *self._joints, p[:, frames], axes),
-            *(self._slides, steps, nearer, self._near),
+            *(self._slides, steps, nearer, np.ones(1, dtype=bool), self._near),
         )
         return np.minimum(found[0], box["rho"])
 

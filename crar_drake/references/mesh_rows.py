@@ -1,14 +1,8 @@
-"""Distances of meshes, and their gradients, where a motion is to part them.
+"""Rows of the distances of meshes, where a motion is changed.
 
-Of two surfaces that are apart, d is the distance of their nearest points P of A and Q
-of B. With n the direction from P to Q
-
-    d = n . (p_Q - p_P),    dd/dq = n . (J_Q - J_P).
-
-Of two that meet there is no such pair. B is then moved out of A along some direction m,
-until they are hardly apart. The nearest points there, moved back with B, have d and the
-gradient, and d is negative. As m the direction n of a neighbour on the motion is taken,
-where it is known, and then the n that was found, while the way out becomes shorter.
+Where pairs are to be parted the rows are of their nearest points (`nearest_points`).
+Elsewhere pairs with two joints between them have rows, which are interpolated
+(`pair_grids`): so that most meshes are apart before they are asked.
 
 Nothing that is certified depends on these: `mesh_clearance` measures anew.
 """
@@ -16,14 +10,12 @@ Nothing that is certified depends on these: `mesh_clearance` measures anew.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from crar_drake.references.mesh_clearance import ClearanceOfMeshes
 from crar_drake.references.nearest_points import NearestPoints
 from crar_drake.references.pair_grids import PairGrid
-from crar_drake.references.mesh_pairs import MeshPairs, relative_poses
 from crar_drake.trajectory.distance_rows import NearRows, join_rows, no_rows
 from crar_drake.trajectory.optimiser import Samples
 
@@ -56,6 +48,10 @@ class MeshRows:
         robot, n = self._robot, self._robot.n
         moves = robot.configurations(np.eye(n)) - robot.configurations(np.zeros((1, n)))
         self._moves = {k: moves[:, x.table.columns].T for k, x in self._grids.items()}
+        # What is built closer than that is not asked to be farther apart.
+        at_zero = [x.find(np.zeros((1, 2)))[0][0] for x in self._grids.values()]
+        asked = np.clip(0.5 * np.array(at_zero), _CLEAR, _ASKED)
+        self._asked = dict(zip(self._grids, asked, strict=True))
 
     def touching(self, q: np.ndarray) -> np.ndarray:
         """See `trajectory.keeping.Meshes`."""
@@ -109,16 +105,17 @@ class MeshRows:
             q: (S, nq) positions of the plant at the samples.
             where: as of `trajectory.keeping.Meshes`.
         """
-        enough, columns, rows = _ASKED + min(look, _LOOK), self._columns(), []
+        columns, rows = self._columns(), []
         for row, grid in self._grids.items():
             d, slopes = grid.find(q[:, grid.table.columns])
-            some = np.flatnonzero((d < enough) & ~where[row, at.frame])
+            d -= self._asked[row]
+            some = np.flatnonzero((d < min(look, _LOOK)) & ~where[row, at.frame])
             if not len(some):
                 continue
             gradient = np.zeros((len(some), len(columns)))
             gradient[:, columns] = slopes[some] @ self._moves[row]
             number = np.full(len(some), row)
-            rows.append(NearRows(some, number, d[some] - _ASKED, gradient))
+            rows.append(NearRows(some, number, d[some], gradient))
         return rows
 
     def _columns(self) -> list[int]:

@@ -186,7 +186,10 @@ class FileRetargeter:
             self._robot, CLEANING, part_meshes=False, balance=options.balance
         )
         self._outline = Outline(self._robot)
-        meshes, names = self._cleaner.uncovered.meshes, self.retargeter.model.joint_names
+        meshes, names = (
+            self._cleaner.uncovered.meshes,
+            self.retargeter.model.joint_names,
+        )
         self._meshes = None if meshes is None else MeshRows(meshes, names)
 
     def __call__(

@@ -367,13 +367,6 @@ class Part:
                 new = self._linearise(y, live, penalty, look)
                 worse = ~(_around(new.merits - at.merits) <= 1e-12)
                 gain = at.merit - new.merit
-                if PARTIAL and not gain >= -1e-12 and not worse[live.frames].all():
-                    # Elsewhere it may have been of use.
-                    step *= _faded(~worse)[live.frames, None]
-                    y = at.y.copy()
-                    y[live.frames] += step
-                    new = self._linearise(y, live, penalty, look)
-                    gain = at.merit - new.merit
             damping[worse] = np.maximum(_RISE * damping[worse], _DAMPING)
             if not gain >= -1e-12:
                 if not damping[worse].min(initial=np.inf) <= _MOST_DAMPING:
@@ -732,16 +725,6 @@ def spread(mask: np.ndarray, by: int) -> np.ndarray:
     if by <= 0 or not len(mask):
         return mask
     return np.convolve(mask, np.ones(2 * by + 1))[by:-by] > 0.5
-
-
-def _faded(mask: np.ndarray) -> np.ndarray:
-    """(T,) 1 in a mask (T,), and less towards what is not in it, where it is 0."""
-    inside = ~spread(~mask, _BESIDE // 2)
-    kernel = np.ones(_BESIDE + 1) / (_BESIDE + 1)
-    return np.convolve(inside, kernel)[_BESIDE // 2 : len(mask) + _BESIDE // 2]
-
-
-PARTIAL = True
 
 
 def _closed(mask: np.ndarray) -> np.ndarray:

@@ -34,7 +34,8 @@ each other, and for min(d, h) in place of d
     |dp/du| <= sum_j |x_j| rho'_j                                              (M4)
 
 with rho'_j the distance from the axis of j of the farthest of these parts
-(`near_parts`), which is found as rho_j is. So (M1) and (M2) hold of min(d, h), too.
+(`near_parts`), which is found as rho_j is. So (M1) and (M2) hold of min(d, h), too. On
+a way on which d is known to be h at least, min(d, h) stays h.
 
 *Two joints.* The distance of links with two joints between them depends on both alone.
 It is kept in tables of these (`pair_tables`), which say more than (M2) and cost less.

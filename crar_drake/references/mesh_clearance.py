@@ -34,7 +34,8 @@ each other, and for min(d, h) in place of d
     |dp/du| <= sum_j |x_j| rho'_j                                              (M4)
 
 with rho'_j the distance from the axis of j of the farthest of these parts
-(`near_parts`), which is found as rho_j is. So (M1) and (M2) hold of min(d, h), too.
+(`near_parts`), which is found as rho_j is. So (M1) and (M2) hold of min(d, h), too. On
+a way on which d is known to be h at least, min(d, h) stays h.
 
 *Two joints.* The distance of links with two joints between them depends on both alone.
 It is kept in tables of these (`pair_tables`), which say more than (M2) and cost less.
@@ -56,6 +57,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crar_drake.equations.compilation import compiled
 from crar_drake.errors import MotionError
 from crar_drake.references.mesh_pairs import CarriedMesh, MeshPairs, relative_poses
 from crar_drake.references.near_parts import near_approach
@@ -119,6 +121,7 @@ class ClearanceOfMeshes:
     Attributes:
         robot: whose they are.
         meshes: the pairs, and what they are not.
+        tables: of the pairs with two joints between them, by number.
     """
 
     def __init__(self, robot: WholeBody) -> None:
@@ -133,7 +136,7 @@ class ClearanceOfMeshes:
         a, b = self.meshes.rows.T
         self._a_alone = moved_by[a] & ~moved_by[b]  # (P, nv)
         self._b_alone = moved_by[b] & ~moved_by[a]
-        self._tables = self._find_tables()
+        self.tables = self._find_tables()
 
     def _find_tables(self) -> dict[int, PairTable]:
         """Of the pairs with two joints between them, by number."""
@@ -166,7 +169,7 @@ class ClearanceOfMeshes:
         shape = len(self.meshes.rows), len(q)
         at, at_done = np.full(shape, -np.inf), np.zeros(shape, dtype=bool)
         on, on_done = at[:, 1:].copy(), at_done[:, 1:].copy()
-        for row, table in self._tables.items():
+        for row, table in self.tables.items():
             at[row], at_done[row] = table.bounds(q, q)
             on[row], on_done[row] = table.bounds(q[:-1], q[1:])
             table.keep()
@@ -179,8 +182,8 @@ class ClearanceOfMeshes:
             row: which pair.
             q: (nq,) positions of the plant.
         """
-        if row in self._tables:
-            return self._tables[row].one_inside(q)
+        if row in self.tables:
+            return self.tables[row].one_inside(q)
         a, b = self.meshes.rows[row]
         frames = [self.meshes.meshes[k].frame for k in (a, b)]
         R, p = self.meshes.poses(q[None])
@@ -189,7 +192,7 @@ class ClearanceOfMeshes:
     @property
     def num_in_tables(self) -> int:
         """Distances that were measured for tables."""
-        return sum(table.num_measured for table in self._tables.values())
+        return sum(table.num_measured for table in self.tables.values())
 
     def find(
         self, joint_positions: np.ndarray, enough: float = _ENOUGH
@@ -230,22 +233,33 @@ class ClearanceOfMeshes:
             q: (T, nq) positions of the plant.
             R, p: R_WF (T, N, 3, 3) and p_WF (T, N, 3) of all frames [m].
         """
-        steps = self._joint_steps(q)
-        of_links = [self._swept(each, steps, R, p) for each in self.meshes.meshes]
+        joints, steps = self.meshes.joints, self._joint_steps(q)
+        slides, every = np.linalg.norm(joints.slides, axis=1), np.ones(steps.shape[1])
+        of_links = [
+            swept(
+                *(R, p, mesh.frame, mesh.corners, self._outward(mesh, every > 0.0)),
+                *(joints.frame_of_velocity, joints.turns, slides, steps),
+            )
+            for mesh in self.meshes.meshes
+        ]
         found = np.zeros((len(self.meshes.rows), len(steps)))
         for row, (a, b) in enumerate(self.meshes.rows):
             found[row] = self._a_alone[row] @ of_links[a]
             found[row] += self._b_alone[row] @ of_links[b]
         return found
 
-    def advance_of_near(self, row: int, q, R, p, advance: np.ndarray) -> np.ndarray:
-        """(T - 1,) by how much a pair's distance can change on each way, as long as it
-        is less than `_NEAR`: of (M4) [m].
+    def advance_of_near(
+        self, row: int, q, R, p, advance: np.ndarray, asked: np.ndarray
+    ) -> np.ndarray:
+        """(T - 1,) by how much min(d, h) of a pair can change on each way, with
+        h = `_NEAR`: of (M4) [m].
 
         Args:
             row: which pair.
             q, R, p: as of `advance`.
             advance: (T - 1,) what that found.
+            asked: (T - 1,) on which ways d is not known to be at least h; on others
+                min(d, h) does not change.
         """
         joints, links = self.meshes.joints, self.meshes.meshes
         a, b = (links[k] for k in self.meshes.rows[row])
@@ -263,6 +277,7 @@ class ClearanceOfMeshes:
             np.linalg.norm(joints.slides, axis=1),
             self._joint_steps(q),
             np.ascontiguousarray(advance),
+            asked,
             _NEAR,
         )
         return approach.sum(axis=1)
@@ -282,27 +297,63 @@ class ClearanceOfMeshes:
         # A root that floats stands still: its quaternion has no velocity of its own.
         return steps[:, joints.frame_of_velocity]
 
-    def _swept(self, mesh: CarriedMesh, steps, R, p) -> np.ndarray:
-        """(nv, T - 1) how far each joint can move a point of a link on each way [m]."""
-        joints = self.meshes.joints
-        swept, below = np.zeros((steps.shape[1], len(steps))), np.zeros(len(steps))
-        frame = mesh.frame
-        corners = p[:, None, frame] + mesh.corners @ R[:, frame].swapaxes(1, 2)
-        while frame:
-            for velocity in reversed(joints.velocities[frame]):
-                if not steps[:, velocity].any():
-                    continue
-                turn, slide = joints.turns[velocity], joints.slides[velocity]
-                farthest = np.full(len(steps), np.linalg.norm(slide))
-                if turn.any():
-                    axis = R[:, None, frame] @ turn
-                    arms = np.cross(axis, corners - p[:, None, frame])
-                    rho = np.linalg.norm(arms, axis=2).max(axis=1)
-                    farthest += (rho[:-1] + rho[1:] + below) / 2.0  # (M3)
-                swept[velocity] = steps[:, velocity] * farthest
-                below += swept[velocity]
-            frame = int(joints.tree.parent[frame])
-        return swept
+
+@compiled(loops=True)
+def swept(
+    R: np.ndarray,
+    p: np.ndarray,
+    frame: int,
+    corners: np.ndarray,
+    joints: np.ndarray,
+    frames: np.ndarray,
+    turns: np.ndarray,
+    slides: np.ndarray,
+    steps: np.ndarray,
+) -> np.ndarray:
+    """(nv, T - 1) how far each joint can move a point of a link on each way: (M3) [m].
+
+    Args:
+        R, p: R_WF (T, N, 3, 3) and p_WF (T, N, 3) of all frames [m].
+        frame: which carries the link.
+        corners: (8, 3) of its box, in that frame [m].
+        joints: that move it, the one that is next to it first.
+        frames: (nv,) which frame each joint is of.
+        turns: (nv, 3) axis of each in that frame, 0 of one that slides.
+        slides: (nv,) how far each slides [m/rad or 1].
+        steps: (T - 1, nv) by how much each joint moves [rad or m].
+    """
+    found, rho = np.zeros((steps.shape[1], len(steps))), np.zeros((len(R), len(joints)))
+    placed = np.empty((len(corners), 3))
+    for k in range(len(R)):
+        for i in range(len(corners)):
+            for x in range(3):
+                placed[i, x] = p[k, frame, x]
+                for y in range(3):
+                    placed[i, x] += R[k, frame, x, y] * corners[i, y]
+        for j in range(len(joints)):
+            v = joints[j]
+            of = frames[v]
+            a, b, c = 0.0, 0.0, 0.0
+            for y in range(3):
+                a += R[k, of, 0, y] * turns[v, y]
+                b += R[k, of, 1, y] * turns[v, y]
+                c += R[k, of, 2, y] * turns[v, y]
+            for i in range(len(corners)):
+                x = placed[i, 0] - p[k, of, 0]
+                y = placed[i, 1] - p[k, of, 1]
+                z = placed[i, 2] - p[k, of, 2]
+                arm = (b * z - c * y) ** 2 + (c * x - a * z) ** 2 + (a * y - b * x) ** 2
+                rho[k, j] = max(rho[k, j], np.sqrt(arm))
+    for k in range(len(steps)):
+        below = 0.0
+        for j in range(len(joints)):
+            v = joints[j]
+            farthest = slides[v]
+            if turns[v].any():
+                farthest += (rho[k, j] + rho[k + 1, j] + below) / 2.0
+            found[v, k] = steps[k, v] * farthest
+            below += found[v, k]
+    return found
 
 
 class _Search:
@@ -342,25 +393,28 @@ class _Search:
 
     def clearance(self) -> MeshClearance:
         """The bounds, each close enough or of distances that were measured."""
-        while True:
-            aim = self._spread()
-            between = self._on_parts(
-                self._low[:, :-1], self._low[:, 1:], self._steps, self._near_steps
-            )
-            between = np.maximum(between, self._on)
-            way_open = between < np.minimum(aim[:, :-1], aim[:, 1:])
-            way_open &= ~self._on_done
-            asked = (self._low < aim) & ~self._at_done
-            asked[:, :-1] |= way_open
-            asked[:, 1:] |= way_open
-            pair, frame = _middles(asked & np.isinf(self._found))
-            if not len(pair):
-                break
+        between, some = np.empty_like(self._on), np.arange(len(self._on))
+        way_open = np.empty(between.shape, dtype=bool)
+        # Of pairs of which nothing is measured, nothing more is known.
+        while len(some):
+            aim, low = self._spread(some), self._low[some]
+            steps = self._steps[some], self._near_steps[some]
+            of_ways = self._on_parts(low[:, :-1], low[:, 1:], *steps)
+            between[some] = of_ways = np.maximum(of_ways, self._on[some])
+            open_ = of_ways < np.minimum(aim[:, :-1], aim[:, 1:])
+            open_ &= ~self._on_done[some]
+            way_open[some] = open_
+            asked = (low < aim) & ~self._at_done[some]
+            asked[:, :-1] |= open_
+            asked[:, 1:] |= open_
+            pair, frame = _middles(asked & np.isinf(self._found[some]))
+            pair = some[pair]
             d, parted = self._measure(pair, frame, np.zeros(len(pair)))
             self._low[pair, frame] = np.maximum(self._low[pair, frame], d)
             self._found[pair, frame] = d
             self._parted[pair, frame] |= parted
-            self._look_closer(np.unique(pair[d < _NEAR]))
+            self._look_closer(np.unique(pair[d < _NEAR]), between)
+            some = np.unique(pair)
         touch_at = self._found <= 0.0
         touch_on = touch_at[:, :-1] | touch_at[:, 1:]
         on_ways = self._halve(np.maximum(between, 0.0), way_open, touch_on)
@@ -370,31 +424,36 @@ class _Search:
         names, measured = self._meshes.pairs, self._num_measured
         return MeshClearance(names, at_frames, on_ways, touch_at, touch_on, measured)
 
-    def _look_closer(self, pairs: np.ndarray) -> None:
-        """Finds (M4) of pairs, where that was not done yet."""
+    def _look_closer(self, pairs: np.ndarray, between: np.ndarray) -> None:
+        """Finds (M4) of pairs, where that was not done yet; `between`: (P, T - 1)
+        bounds of ways."""
         for row in pairs[~self._near[pairs]]:
             steps = self._robot.advance_of_near(
-                row, self._q, self._R, self._p, self._steps[row]
+                row, self._q, self._R, self._p, self._steps[row], between[row] < _NEAR
             )
             self._near_steps[row] = np.minimum(steps, self._steps[row])
             self._near_L[row] = _added_up(self._near_steps[row])
             self._near[row] = True
 
-    def _spread(self) -> np.ndarray:
+    def _spread(self, some: np.ndarray) -> np.ndarray:
         """What is known of a frame says something of all others: (M1) and (M4).
 
+        Args:
+            some: (K,) of which pairs.
+
         Returns:
-            (P, T) how close each frame's bound is to be [m].
+            (K, T) how close each frame's bound is to be [m].
         """
-        low, high = _spread(self._low, self._found, self._L)
-        some = self._near
+        low, high = _spread(self._low[some], self._found[some], self._L[some])
+        near = self._near[some]
         nearest, farthest = _spread(
-            *(np.minimum(x[some], _NEAR) for x in (low, high)), self._near_L[some]
+            *(np.minimum(x[near], _NEAR) for x in (low, high)),
+            self._near_L[some[near]],
         )
-        low[some] = np.maximum(low[some], nearest)
+        low[near] = np.maximum(low[near], nearest)
         # Sums are rounded: what is not clearly nearer than `_NEAR` may be far.
-        high[some] = np.where(farthest < 0.999 * _NEAR, farthest, high[some])
-        self._low = low
+        high[near] = np.where(farthest < 0.999 * _NEAR, farthest, high[near])
+        self._low[some] = low
         return np.minimum(self._enough, 0.5 * high)
 
     def _on_parts(self, first, last, nearer, nearer_if_near) -> np.ndarray:

@@ -223,12 +223,19 @@ class MeshPairs:
             (K,) distances less `ROUNDING`, 0 where they touch [m]; and (K,) whether
             their hulls are apart, so that neither is inside the other.
         """
-        gaps, _ = hull_gaps(pairs, R, p, self._hulls)
+        gaps = self.gaps(pairs, R, p)
         parted = gaps > ROUNDING
         for k in np.flatnonzero(~(gaps >= _HULLS_ENOUGH)):
             a, b = self._placed(*pairs[k], R[k], p[k])
             gaps[k] = max(gaps[k], fcl.distance(a, b))
         return np.maximum(0.0, gaps - ROUNDING), parted
+
+    def gaps(self, pairs: np.ndarray, R: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """(K,) how far hulls are apart at least, 0 or less where nothing says so [m].
+
+        Args: as of `distances`.
+        """
+        return hull_gaps(pairs, R, p, self._hulls)[0]
 
     def _placed(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> tuple:
         """Both surfaces, B where it is in A."""

@@ -247,6 +247,7 @@ def near_approach(
     slides: np.ndarray,
     steps: np.ndarray,
     nearer: np.ndarray,
+    asked: np.ndarray,
     h: float,
 ) -> np.ndarray:
     """By how much min(d, h) can change on each way, (T - 1, 2) [m]: by the joints that
@@ -262,6 +263,7 @@ def near_approach(
         slides: (nv,) how far each slides [m/rad or 1].
         steps: (T - 1, nv) by how much each joint moves [rad or m].
         nearer: (T - 1,) by how much any two of their points can approach [m].
+        asked: (T - 1,) on which ways; 0 on others.
         h: [m].
     """
     found = np.zeros((len(steps), 2))
@@ -269,7 +271,7 @@ def near_approach(
     every_b = np.ones(len(b.groups), dtype=np.bool_)
     of_a = np.empty(np.diff(a.first).max(), np.int64)
     of_b = np.empty(np.diff(b.first).max(), np.int64)
-    for k in range(len(steps)):
+    for k in np.flatnonzero(asked):
         R_A, p_A = R[k : k + 2, frames[0]], p[k : k + 2, frames[0]]
         R_B, p_B = R[k : k + 2, frames[1]], p[k : k + 2, frames[1]]
         groups_a = place_balls(a.groups, every_a, R_A, p_A)

@@ -66,8 +66,26 @@ _BOX = np.dtype(
 )
 
 
+def _seen(boxes: np.ndarray) -> tuple[np.ndarray, ...]:
+    """What `through_boxes` asks of boxes."""
+    low, high, loss = (boxes[name] for name in ("low", "high", "loss"))
+    close = (low >= np.minimum(ENOUGH, SHARE * high)) & (low > 0.0)
+    finest = np.where(high > loss, _FINEST, _FINEST_WHERE_MET)
+    ready = boxes["measured"] & (close | (loss < finest))
+    fields = (boxes[name].copy() for name in ("centre", "half", "first", "low"))
+    return *fields, close, ready
+
+
 class PairTable:
-    """Of one pair of meshes A and B."""
+    """Of one pair of meshes A and B.
+
+    Attributes:
+        meshes: of the robot.
+        pair: which of them A and B are.
+        columns: (2,) where the positions of the two joints stand in the plant's.
+        turns: (2,) whether each turns; else it slides.
+        depends_on: all that distances and bounds depend on.
+    """
 
     def __init__(
         self,
@@ -85,19 +103,21 @@ class PairTable:
             rest: (nq,) any positions of the plant.
             near: h [m].
         """
-        self._meshes, self._rest, self._near = meshes, rest.copy(), near
-        self._i, self._j = meshes.rows[row]
-        self._links = [meshes.meshes[k] for k in (self._i, self._j)]
+        self.meshes, self._rest, self._near = meshes, rest.copy(), near
+        self.pair = tuple(meshes.rows[row])
+        self._links = [meshes.meshes[k] for k in self.pair]
         self._frames = np.array([link.frame for link in self._links])
         self._joints = [np.array([velocity]) for velocity in joints]
         tree = meshes.joints
         own = tree.frame_of_velocity[list(joints)]
-        self._columns = tree.tree.position[own]
-        self._rest[self._columns] = 0.0
+        self.columns = tree.tree.position[own]
+        self._rest[self.columns] = 0.0
         self._slides = np.linalg.norm(tree.slides, axis=1)
         self._rho, geometry = self._farthest(joints)
-        self._place = place_of("meshes", self._depends_on(geometry))
-        self._boxes = self._kept()
+        self.turns = tree.turns[list(joints)].any(axis=1)
+        self.depends_on = self._depends_on(geometry)
+        self._place = place_of("meshes", self.depends_on)
+        self._boxes, self._seen = self._kept(), None
         self._num_kept = self.num_measured
 
     @property
@@ -117,28 +137,30 @@ class PairTable:
             (K,) no distance on a way is smaller [m]; and (K,) whether that is positive,
             and close enough.
         """
-        ends = [np.ascontiguousarray(q[:, self._columns]) for q in (start, end)]
+        ends = [np.ascontiguousarray(q[:, self.columns]) for q in (start, end)]
         while True:
-            boxes = self._boxes
-            low, high, loss = (boxes[name] for name in ("low", "high", "loss"))
-            close = (low >= np.minimum(ENOUGH, SHARE * high)) & (low > 0.0)
-            finest = np.where(high > loss, _FINEST, _FINEST_WHERE_MET)
-            ready = boxes["measured"] & (close | (loss < finest))
-            bounds, done, asked = through_boxes(
-                *ends,
-                *(boxes[name].copy() for name in ("centre", "half", "first", "low")),
-                close,
-                ready,
-            )
+            seen = self._seen = self._seen or _seen(self._boxes)
+            bounds, done, asked = through_boxes(*ends, *seen)
             some = np.flatnonzero(asked)
             if not len(some):
                 break
-            halved = boxes["measured"][some] | (loss[some] > _COARSE)
+            boxes, self._seen = self._boxes, None
+            halved = boxes["measured"][some] | (boxes["loss"][some] > _COARSE)
             for box in some[~halved]:
                 self._measure(boxes[box])
             self._halve(some[halved])
         outside = np.abs(np.stack(ends)).max(axis=(0, 2)) > _FARTHEST
         return np.where(outside, -np.inf, bounds), done & ~outside
+
+    def placed(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """R_AB (K, 3, 3) and p_AB (K, 3) [m].
+
+        Args:
+            at: (K, 2) positions of the joints [rad or m].
+        """
+        q = np.tile(self._rest, (len(at), 1))
+        q[:, self.columns] = at
+        return relative_poses(*self.meshes.poses(q), *self._frames)
 
     def one_inside(self, q: np.ndarray) -> bool:
         """Whether one link is inside the other where they do not touch.
@@ -146,16 +168,16 @@ class PairTable:
         Args:
             q: (nq,) positions of the plant.
         """
-        box, at = self._boxes[0], q[self._columns]
+        box, at = self._boxes[0], q[self.columns]
         while box["first"] >= 0:
             halves = self._boxes[box["first"] : box["first"] + 2]
             off = np.abs(halves["centre"] - at) - halves["half"]
             box = halves[int(off.max(axis=1).argmin())]
         if box["inside"] >= 0:
             return bool(box["inside"])
-        R, p = self._meshes.poses(q[None])
+        R, p = self.meshes.poses(q[None])
         X = relative_poses(R[0], p[0], *self._frames)
-        found = self._meshes.one_inside(self._i, self._j, *X)
+        found = self.meshes.one_inside(*self.pair, *X)
         if box["low"] > 0.0 and np.abs(at).max() <= _FARTHEST:
             box["inside"] = found
         return found
@@ -198,9 +220,9 @@ class PairTable:
     def _farthest(self, joints: tuple[int, int]) -> tuple[np.ndarray, list[np.ndarray]]:
         """(2,) rho of A and B [m/rad or 1]; and what says how they are carried: with
         both joints at 0, X_AB and each joint's axis and place in A."""
-        R, p = self._meshes.poses(self._rest[None])
+        R, p = self.meshes.poses(self._rest[None])
         R, p = R[0], p[0]
-        tree, found = self._meshes.joints, []
+        tree, found = self.meshes.joints, []
         a = self._frames[0]
         geometry = [*relative_poses(R, p, *self._frames)]
         for link, velocity in zip(self._links, joints, strict=True):
@@ -232,10 +254,10 @@ class PairTable:
     def _measure(self, box: np.void) -> None:
         """Finds the bounds of a box."""
         q = self._rest.copy()
-        q[self._columns] = box["centre"]
-        R, p = self._meshes.poses(q[None])
+        q[self.columns] = box["centre"]
+        R, p = self.meshes.poses(q[None])
         X = relative_poses(R, p, *self._frames)
-        found, _ = self._meshes.distances(np.array([[self._i, self._j]]), *X)
+        found, _ = self.meshes.distances(np.array([self.pair]), *X)
         d, loss = found[0], box["loss"]
         low, high = d - loss, d + loss
         if d < self._near:
@@ -255,7 +277,7 @@ class PairTable:
             box: which.
             R, p: R_WF (1, N, 3, 3) and p_WF (1, N, 3) of all frames at its centre [m].
         """
-        tree = self._meshes.joints
+        tree = self.meshes.joints
         R, p = np.repeat(R, 2, axis=0), np.repeat(p, 2, axis=0)
         frames = tree.frame_of_velocity
         axes = (R[:, frames] @ tree.turns[..., None])[..., 0]
@@ -265,7 +287,7 @@ class PairTable:
         steps = np.ones((1, len(frames)))
         found = near_approach(
             *(R, p, self._frames, a.parts, b.parts, *self._joints, p[:, frames], axes),
-            *(self._slides, steps, nearer, self._near),
+            *(self._slides, steps, nearer, np.ones(1, dtype=bool), self._near),
         )
         return np.minimum(found[0], box["rho"])
 

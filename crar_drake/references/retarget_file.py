@@ -186,6 +186,11 @@ class FileRetargeter:
             self._robot, CLEANING, part_meshes=False, balance=options.balance
         )
         self._outline = Outline(self._robot)
+        meshes, names = (
+            self._cleaner.uncovered.meshes,
+            self.retargeter.model.joint_names,
+        )
+        self._meshes = None if meshes is None else MeshRows(meshes, names)
 
     def __call__(
         self,
@@ -200,12 +205,11 @@ class FileRetargeter:
         began = time.process_time()
         performer = load_performer(motion, options.options)
         frames = int(performer.duration * rate) + 1
-        meshes = self._cleaner.uncovered.meshes
         found = retargeter.retarget(
             performer,
             rate,
             None if progress is None else lambda k: progress(k, frames),
-            None if meshes is None else MeshRows(meshes, retargeter.model.joint_names),
+            self._meshes,
         )
         quaternions = Rotation.from_matrix(found.root_rotations).as_quat()
         names = retargeter.model.joint_names

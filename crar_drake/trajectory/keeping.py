@@ -9,9 +9,10 @@ to the next are found (`margins`). Where they are too small, more is asked for, 
 small window is solved again; where that does not help, from a clear straight way that
 leads past it. What stays violated is reported.
 
-Last, meshes are asked, of links that no capsules hold apart. Where they touch, rows of
-their own distances are added, and a small window is solved again. Where that parts
-nothing, the motion is left as it was.
+Meshes of links that no capsules hold apart have rows of their own: of pairs with two
+joints between them, wherever something is solved. Last, all meshes are asked. Where
+some touch, rows of their nearest points are added, and a small window is solved again.
+Where that parts nothing, the motion is left as it was.
 """
 
 from __future__ import annotations
@@ -91,7 +92,8 @@ class Meshes(Protocol):
             where: (P, T) at which frames, and on the way to the next, a pair is looked
                 at,
             parts: and of how many parts of that way at the ends alone; the more, the
-                farther they are to be apart.
+                farther they are to be apart. Elsewhere pairs have rows at all samples
+                of which distances are known without being measured.
         """
 
 
@@ -164,6 +166,8 @@ class Keeper:
             )
         )
         self.room = np.zeros(self.num_rows)
+        # What was asked last is often asked again. None is equal to nothing.
+        self._last: tuple[np.ndarray | None, Margins | None] = None, None
 
     @property
     def num_rows(self) -> int:
@@ -175,7 +179,10 @@ class Keeper:
 
         Speeds are shares of the robot's own limits, whatever share may be used.
         """
-        return find_margins(self.model, self._reaches, q, self.rate)
+        if not np.array_equal(q, self._last[0]):
+            margins = find_margins(self.model, self._reaches, q, self.rate)
+            self._last = q.copy(), margins
+        return self._last[1]
 
     def near_rows(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
         """See `optimiser.Problem`; of unknowns of which the joints come last."""
@@ -273,7 +280,11 @@ class Keeper:
             margins=margins,
             effort=effort or Effort(),
         )
-        self._solve(problem, y, state, violating, range(_TRIES), progress)
+        solved = problem
+        if self._meshes is not None:
+            nowhere = np.zeros((self._meshes.num_pairs, frames), dtype=bool)
+            solved = self._with_meshes(problem, nowhere, 1)
+        self._solve(solved, y, state, violating, range(_TRIES), progress)
         if self._meshes is not None:
             self._part_meshes(problem, y, state)
         return y, self._violating(state.margins), state.effort

@@ -70,10 +70,12 @@ def wedge(*corners) -> trimesh.Trimesh:
     return trimesh.convex.convex_hull(np.array(points))
 
 
-def rows_of(clearance: ClearanceOfMeshes, q: np.ndarray, parts: int = 1):
+def rows_of(
+    clearance: ClearanceOfMeshes, q: np.ndarray, parts: int = 1, measured: bool = True
+):
     """Of all pairs at frames in a row: distances and gradients."""
     rows = MeshRows(clearance, ["slide", "turn"])
-    where = np.ones((rows.num_pairs, len(q)), dtype=bool)
+    where = np.full((rows.num_pairs, len(q)), measured)
     frames = np.arange(len(q))
     at = Samples(frames, np.zeros(len(q)), np.zeros(len(q)))
     found = rows.near_rows(where, parts)(at, q[:, ::-1], 1.0)
@@ -98,6 +100,25 @@ def test_boxes_that_meet_have_closed_forms(tmp_path):
     by_turn = (0.1 + slide) * s - 0.1 * c
     np.testing.assert_allclose(found.gradient[:, 0], by_turn, atol=1e-6)
     np.testing.assert_allclose(found.gradient[:, 1], -c, atol=1e-6)
+
+
+def test_rows_that_are_interpolated_are_about_those_of_nearest_points(tmp_path):
+    """Of boxes, clear of each other and not."""
+    clearance = meshes_of(
+        tmp_path,
+        box((0.3, -0.2, -0.2), (0.6, 0.2, 0.2)),
+        box((0, -0.1, -0.1), (0.1,) * 3),
+    )
+    slide = np.linspace(0.18, 0.203, 24)
+    q = np.column_stack([np.linspace(0.02, 0.09, 24), slide])
+    exact, about = (rows_of(clearance, q, measured=x) for x in (True, False))
+    near = exact.d < 4e-3
+    assert near.sum() > 5 and (exact.d[near] < -2e-3).any()
+    assert np.isin(exact.sample[near], about.sample).all()
+    same = [np.flatnonzero(about.sample == k)[0] for k in exact.sample[near]]
+    np.testing.assert_allclose(about.d[same], exact.d[near], atol=4e-4)
+    gradient = exact.gradient[near]
+    np.testing.assert_allclose(about.gradient[same], gradient, atol=0.03)
 
 
 def test_the_gradient_is_that_of_finite_differences(tmp_path):

@@ -51,7 +51,8 @@ def test_a_pin_with_a_wide_rim(tmp_path):
     q = body.configurations(np.column_stack([angles, slide]))
     R, p = meshes.meshes.poses(q)
     advance = meshes.advance(q, R, p)
-    near = meshes.advance_of_near(0, q, R, p, advance[0])
+    every = np.ones(len(q) - 1, dtype=bool)
+    near = meshes.advance_of_near(0, q, R, p, advance[0], every)
     # The ring's inner radius, cells' diagonals, and what comes near on the way.
     steps, slides = np.diff(angles), np.abs(np.diff(slide))
     assert np.all(near <= steps * (0.041 + 0.5 * advance[0]) + slides + 1e-9)
@@ -104,7 +105,7 @@ def test_no_point_that_is_near_is_left_out(seed):
     least, most = swept(*corners), swept(a.parts, b.parts)
     (found,) = near_approach(
         *(R, p, np.array([0, 1]), a, b, joints, joints),
-        *(origins, axes, slides, steps, nearer, h),
+        *(origins, axes, slides, steps, nearer, np.ones(1, dtype=bool), h),
     )
     assert np.all(least > 0.0)
     assert np.all(least <= found + 1e-12) and np.all(found <= most + 1e-12)

@@ -38,7 +38,7 @@ def random_ways(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def table_of(body):
-    return ClearanceOfMeshes(body)._tables[0]
+    return ClearanceOfMeshes(body).tables[0]
 
 
 def bounds(table, body, start, end):

@@ -172,19 +172,23 @@ class Balancer:
         nowhere = np.full(ROOT, np.inf)
         weight = np.full(y.shape[1], p.joint_weight)
         weight[:3], weight[3:ROOT] = p.root_weight, p.root_turn_weight
-        roots = _half_frames(motion)
-
-        def halfway(places: np.ndarray, y: np.ndarray) -> Placed:
-            p_0, R_0 = (x[places] for x in roots)
-            return Placed(self._poses, self._rest, self._base, p_0, R_0, y)
+        roots = motion.root_positions, motion.root_rotations.as_matrix()
+        every = np.arange(motion.num_frames)
+        turned = Slerp(every, motion.root_rotations)
 
         def placed(frames: np.ndarray, y: np.ndarray) -> Placed:
-            return halfway(2 * frames, y)
+            p_0, R_0 = (x[frames] for x in roots)
+            return Placed(self._poses, self._rest, self._base, p_0, R_0, y)
+
+        def on_ways(times: np.ndarray, y: np.ndarray) -> Placed:
+            p_0 = np.column_stack([np.interp(times, every, x) for x in roots[0].T])
+            R_0 = turned(times).as_matrix()
+            return Placed(self._poses, self._rest, self._base, p_0, R_0, y)
 
         points = support.points()
         rows, kept = (
             Balance(
-                halfway,
+                on_ways,
                 self._masses,
                 half_planes(points, support.floor, share * p.margin),
                 support.goes_on,
@@ -235,19 +239,6 @@ class Balancer:
             np.stack(turn, axis=1),
             p.standing_weight * np.stack(planted, axis=1),
         )
-
-
-def _half_frames(motion: RobotMotion) -> tuple[np.ndarray, np.ndarray]:
-    """The root's places (2 T - 1, 3) [m] and turns (2 T - 1, 3, 3) at T frames and
-    halfway between."""
-    frames, half = (
-        np.arange(motion.num_frames),
-        np.arange(2 * motion.num_frames - 1) / 2,
-    )
-    places = np.column_stack(
-        [np.interp(half, frames, x) for x in motion.root_positions.T]
-    )
-    return places, Slerp(frames, motion.root_rotations)(half).as_matrix()
 
 
 class _KeptInWorld:

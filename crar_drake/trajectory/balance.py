@@ -22,9 +22,9 @@ the points about the floor:
 
     H = sum_i m_i [(A_i(k, k+1) - A_i(k-1, k)) / h^2 + g mean(p_i)].
 
-An arm may turn by a radian on a way, and a chord sweeps a sixth less than its arc. So A
-is of two chords, to halfway and on, and extrapolated (L. F. Richardson, Phil. Trans. R.
-Soc. A 226, 1927): what the arc lacks falls from a sixth to 0.2 %.
+An arm may turn by a radian or two on a way, and a chord sweeps much less than its arc:
+A is of two chords or more, and extrapolated from half as many (L. F. Richardson, Phil.
+Trans. R. Soc. A 226, 1927).
 
 *On a cubic spline* through the frames accelerations M swing beyond second differences:
 M_(k-1) + 4 M_k + M_(k+1) = 6 x''_k (C. de Boor, "A Practical Guide to Splines", 1978,
@@ -54,6 +54,8 @@ _BESIDE = 0.5 * (3.0**0.5 - 1.0)
 OF_SPLINE = np.array([0.0, 1.0, -2.0, 1.0, 0.0]) - _BESIDE * np.array(
     [1.0, -4.0, 6.0, -4.0, 1.0]
 )
+# A way to the next frame has so many times two parts as its joints turn by this [rad].
+_PART, _MOST_PARTS = 0.5, 4
 _SIDES = 16  # of a hull, at most
 _SHARE_OF_WIDTH = 0.8  # of a narrow support's half width, that its margin is at most
 
@@ -158,6 +160,7 @@ def mean_demand(
     p: np.ndarray,
     J: np.ndarray,
     masses: np.ndarray,
+    first: np.ndarray,
     frames: np.ndarray,
     rate: float,
     floor: np.ndarray,
@@ -167,9 +170,10 @@ def mean_demand(
     the unknowns of these three, (R, 3, 3, m).
 
     Args:
-        p, J: (2 K - 1, P, 3) [m], (2 K - 1, P, 3, m) of points at K frames and halfway
-            between; what is halfway moves by half of what moves both frames.
+        p, J: (S, P, 3) [m], (S, P, 3, m) of points at K frames and between; a share t
+            of the way to the next frame moves by 1 - t and t of what moves both.
         masses: (P,) [kg].
+        first: (K,) which of the S is each frame; ways have an even number of parts.
         frames: (R,) in which of the K it is asked, not in the first or the last.
         rate: frames per second [Hz].
         floor: (R,) its height [m].
@@ -178,43 +182,45 @@ def mean_demand(
     R, m = len(frames), J.shape[3]
     found, G = np.zeros((R, 3)), np.zeros((R, 3, 3, m))
     weight = masses.sum() * gravity
-    x, z, gx, gz, gu = np.zeros((5, 5))
     for r in range(R):
-        first = 2 * frames[r] - 2
+        around = first[frames[r] - 1 : frames[r] + 2]
         for i in range(p.shape[1]):
             share = masses[i] / weight
-            by, held = share * rate * rate, share * gravity / 3.0
-            for a in range(5):
-                z[a] = p[first + a, i, 2] - floor[r]
-            gu[0], gu[2], gu[4] = by, -2.0 * by, by
-            found[r, 0] += by * (z[0] - 2.0 * z[2] + z[4]) + share * gravity
-            for c in range(2):
-                for a in range(5):
-                    x[a] = p[first + a, i, c]
-                # Of the areas' change by the places; each is linear in each of them.
-                gx[0], gz[0] = z[2] - 4.0 * z[1], 4.0 * x[1] - x[2]
-                gx[1], gz[1] = 4.0 * (z[0] - z[2]), 4.0 * (x[2] - x[0])
-                gx[2] = 4.0 * (z[1] + z[3]) - z[0] - z[4]
-                gz[2] = x[0] + x[4] - 4.0 * (x[1] + x[3])
-                gx[3], gz[3] = 4.0 * (z[4] - z[2]), 4.0 * (x[2] - x[4])
-                gx[4], gz[4] = z[2] - 4.0 * z[3], 4.0 * x[3] - x[2]
-                for a in range(5):
-                    # Each area is counted by both ends of its chords.
-                    gx[a] *= by / 3.0
-                    gz[a] *= by / 3.0
-                    found[r, 1 + c] += 0.5 * (gx[a] * x[a] + gz[a] * z[a])
-                for a in range(1, 4):
-                    gx[a] += held
-                    found[r, 1 + c] += held * x[a]
-                for a in range(5):
-                    for k in range(a // 2, (a + 1) // 2 + 1):
-                        part = 1.0 if a % 2 == 0 else 0.5
-                        for j in range(m):
-                            Jx, Jz = J[first + a, i, c, j], J[first + a, i, 2, j]
-                            G[r, 1 + c, k, j] += part * (gx[a] * Jx + gz[a] * Jz)
+            by = share * rate * rate
+            found[r, 0] += share * gravity
             for k in range(3):
+                up = by * (-2.0 if k == 1 else 1.0)
+                found[r, 0] += up * (p[around[k], i, 2] - floor[r])
                 for j in range(m):
-                    G[r, 0, k, j] += gu[2 * k] * J[first + 2 * k, i, 2, j]
+                    G[r, 0, k, j] += up * J[around[k], i, 2, j]
+            for way in range(2):
+                start, parts = around[way], around[way + 1] - around[way]
+                area = by / 3.0 if way else -by / 3.0
+                for a in range(parts + 1):
+                    at, t = start + a, a / parts
+                    # Simpson's rule, of what counts the more the nearer to the frame.
+                    rule = 1.0 if a in (0, parts) else 4.0 if a % 2 else 2.0
+                    held = share * gravity * rule / (3.0 * parts)
+                    held *= 1.0 - t if way else t
+                    for c in range(2):
+                        # The area is linear in each place: chords, and extrapolated
+                        # with those that are twice as long.
+                        gx, gz = 0.0, 0.0
+                        for long in range(1, 3 - a % 2):
+                            for side in (-1, 1):
+                                b = a + side * long
+                                if 0 <= b <= parts:
+                                    size = (4.0 if long == 1 else -1.0) * side * area
+                                    gx += size * (p[start + b, i, 2] - floor[r])
+                                    gz -= size * p[start + b, i, c]
+                        x, z = p[at, i, c], p[at, i, 2] - floor[r]
+                        # Both ends of a chord count it.
+                        found[r, 1 + c] += 0.5 * (gx * x + gz * z) + held * x
+                        gx += held
+                        for j in range(m):
+                            slope = gx * J[at, i, c, j] + gz * J[at, i, 2, j]
+                            G[r, 1 + c, way, j] += (1.0 - t) * slope
+                            G[r, 1 + c, way + 1, j] += t * slope
     return found, G
 
 
@@ -296,8 +302,8 @@ class Balance:
     ) -> None:
         """
         Args:
-            placed: the links at some half frames, of their unknowns: at frame k, which
-                is 2 k, and halfway to the next.
+            placed: the links at some frames, of their unknowns; at 1.5 halfway between
+                two.
             masses: of these links.
             support: of each frame of the motion.
             smooth: (T,) frames in which a spline is asked for, too.
@@ -345,19 +351,22 @@ class Balance:
         """Of the mean in some of these frames, and then on a spline in others, by the
         unknowns of five frames (`rows`) each; see `demand`."""
         masses, floor = self._masses, self._support.floor[frames]
-        places, at = (
-            np.empty(2 * len(y) - 1, dtype=int),
-            np.empty((2 * len(y) - 1, y.shape[1])),
+        steps = np.abs(np.diff(y, axis=0)).max(axis=1)
+        parts = 2 * np.clip(np.ceil(steps / _PART), 1, _MOST_PARTS).astype(int)
+        first = np.append(0, np.cumsum(parts))
+        k = np.repeat(np.arange(len(parts)), parts)
+        share = (np.arange(len(k)) - first[k]) / parts[k]
+        times = np.append(frames[k] + share, frames[-1])
+        between = y[k] + share[:, None] * (y[k + 1] - y[k])
+        p, J = self._placed(times, np.concatenate([between, y[-1:]])).points(
+            masses.links, masses.offsets
         )
-        places[::2], at[::2] = 2 * frames, y
-        places[1::2], at[1::2] = 2 * frames[:-1] + 1, 0.5 * (y[1:] + y[:-1])
-        p, J = self._placed(places, at).points(masses.links, masses.offsets)
         mean, G = mean_demand(
-            p, J, masses.masses, three, self._rate, floor[three], masses.gravity
+            p, J, masses.masses, first, three, self._rate, floor[three], masses.gravity
         )
         bent, more = demand(
-            np.ascontiguousarray(p[::2]),
-            np.ascontiguousarray(J[::2]),
+            p[first],
+            J[first],
             masses.masses,
             rows[five],
             np.tile(OF_SPLINE * self._rate**2, (len(five), 1)),

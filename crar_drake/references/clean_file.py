@@ -148,10 +148,11 @@ class CleanedClip(Change):
 
     @property
     def violated(self) -> bool:
-        """Whether anything is left, a way between frames is not shown to be clear, or
-        it changed by more than was allowed."""
+        """Whether anything is left, a way between frames is not shown to be clear, a
+        foot is lifted that was to be balanced on the other and is not, or it changed by
+        more than was allowed."""
         left = self.penetrating or self.beyond_limit or self.too_fast
-        left = left or self.too_strong > 0
+        left = left or self.too_strong > 0 or self.lifts_outside > 0
         meshes = self.meshes_penetrating > 0 or self.meshes_unclear > 0
         return bool(left or meshes or self.exceeded) or not self.between >= 0.0
 

@@ -13,8 +13,8 @@ and meshes are parted. Balance is kept with them: rows that hold the centre of p
 keeps them all: their multipliers have a bound.
 
 The supports are those of the reference, but that a foot is lifted while the motion is
-balanced on the other (`ground_support.Support.stays`); a second round is of those of
-the first. A motion that keeps a part of the margin comes back bit for bit.
+balanced on the other (`ground_support.Support.stays`); a further round is of those of
+the one before. A motion that keeps a part of the margin comes back bit for bit.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from crar_drake.trajectory.balance import (
 from crar_drake.trajectory.body_points import ROOT, Placed, model_of_links
 from crar_drake.trajectory.optimiser import AtFrames, Problem, Wide
 
-_ROUNDS = 2  # feet that were changed are planted in other frames
+_ROUNDS = 4  # feet that were changed are planted in other frames
 _KEPT = 0.3  # share of the margin within which a frame is left alone
 
 

@@ -94,7 +94,7 @@ class CleanedClip(Change):
         outside_before, outside: how far outside the support the centre of pressure is
             in them, in the worst of 95 % [m]; negative inside.
         lifts: of feet while another one, or a hand, stays planted; -1 as well.
-        lifts_outside: those of them that are not balanced on what stays,
+        lifts_outside: those of them that are not balanced on what stays, a violation,
         lifts_before: and of the lifts of the motion before.
         lifted_outside: which they are, and by how much, in words; "" if none is.
         outside_in: frames in which the centre of pressure is outside, and by how

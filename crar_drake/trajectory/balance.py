@@ -16,9 +16,9 @@ of pressure is the horizontal part of H / F_z (M. Vukobratovic and B. Borovac,
 which divides by nothing, and asks for F_z >= 0 with it.
 
 Each frame has such rows twice. *Of the mean* from the frame before to the frame after,
-with x'' second differences over the time h, and instead of their moments what changes
-the mean momentum of one straight way to that of the next, twice the areas A swept by
-the points about the floor:
+forces are second differences over the time h, and their moments what changes the mean
+momentum of one straight way to that of the next. That is of the areas A, twice, which
+the points sweep about the floor:
 
     H = sum_i m_i [(A_i(k, k+1) - A_i(k-1, k)) / h^2 + g mean(p_i)].
 
@@ -54,7 +54,8 @@ _BESIDE = 0.5 * (3.0**0.5 - 1.0)
 OF_SPLINE = np.array([0.0, 1.0, -2.0, 1.0, 0.0]) - _BESIDE * np.array(
     [1.0, -4.0, 6.0, -4.0, 1.0]
 )
-# A way to the next frame has so many times two parts as its joints turn by this [rad].
+# A way to the next frame has two parts for each so much [rad or m] that it changes a
+# joint, or how far the root is from where it is given, and so many times two at most.
 _PART, _MOST_PARTS = 0.5, 4
 _SIDES = 16  # of a hull, at most
 _SHARE_OF_WIDTH = 0.8  # of a narrow support's half width, that its margin is at most
@@ -302,8 +303,8 @@ class Balance:
     ) -> None:
         """
         Args:
-            placed: the links at some frames, of their unknowns; at 1.5 halfway between
-                two.
+            placed: the links at some frames, of their unknowns; 1.5 is halfway from
+                frame 1 to the next.
             masses: of these links.
             support: of each frame of the motion.
             smooth: (T,) frames in which a spline is asked for, too.
@@ -352,7 +353,9 @@ class Balance:
         unknowns of five frames (`rows`) each; see `demand`."""
         masses, floor = self._masses, self._support.floor[frames]
         steps = np.abs(np.diff(y, axis=0)).max(axis=1)
-        parts = 2 * np.clip(np.ceil(steps / _PART), 1, _MOST_PARTS).astype(int)
+        # Of what is not a number there are as many as of the largest.
+        twos = np.fmax(1.0, np.fmin(np.ceil(steps / _PART), _MOST_PARTS))
+        parts = 2 * twos.astype(int)
         first = np.append(0, np.cumsum(parts))
         k = np.repeat(np.arange(len(parts)), parts)
         share = (np.arange(len(k)) - first[k]) / parts[k]

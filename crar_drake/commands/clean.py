@@ -133,7 +133,8 @@ def add_balance(parser: argparse.ArgumentParser) -> None:
         help="move root and joints so that, while feet stand, the ground could give "
         "what the motion takes: centres of pressure inside the support, that of the "
         "other foot where one is lifted, as far as they can be had; says in what share "
-        "of the frames, before and after, and in which not",
+        "of the frames, before and after, and in which not; a lift of a foot that is "
+        "not balanced so is a violation",
     )
 
 
@@ -252,6 +253,9 @@ def _options(arguments: argparse.Namespace) -> dict:
 def violations(clips: Sequence[CleanedClip]) -> list[str]:
     """What motions still violate, in a few words each."""
     unclear = sum(not c.between >= 0.0 or c.meshes_unclear > 0 for c in clips)
+    lifts = "of a foot not balanced on what stays"
+    if len(clips) == 1:
+        lifts += f": {few(clips[0].lifted_outside.split(', '), _MOST)}"
     return [
         *counted(sum(c.penetrating for c in clips), "frame", "penetrate{s}"),
         *counted(sum(c.beyond_limit for c in clips), "frame", "beyond a joint limit"),
@@ -265,6 +269,7 @@ def violations(clips: Sequence[CleanedClip]) -> list[str]:
             "with meshes that penetrate",
         ),
         *counted(unclear, "motion", "with a way between frames that is not clear"),
+        *counted(sum(max(c.lifts_outside, 0) for c in clips), "lift", lifts),
         *counted(
             sum(bool(c.exceeded) for c in clips),
             "motion",

@@ -13,8 +13,8 @@ and meshes are parted. Balance is kept with them: rows that hold the centre of p
 keeps them all: their multipliers have a bound.
 
 The supports are those of the reference, but that a foot is lifted while the motion is
-balanced on the other (`ground_support.Support.stays`); a second round is of those of
-the first. A motion that keeps a part of the margin comes back bit for bit.
+balanced on the other (`ground_support.Support.stays`); a further round is of those of
+the one before. A motion that keeps a part of the margin comes back bit for bit.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from crar_drake.motion.quaternion_spline import sign_continuous
 from crar_drake.references.cleaning import Cleaner
@@ -40,7 +40,7 @@ from crar_drake.trajectory.balance import (
 from crar_drake.trajectory.body_points import ROOT, Placed, model_of_links
 from crar_drake.trajectory.optimiser import AtFrames, Problem, Wide
 
-_ROUNDS = 2  # feet that were changed are planted in other frames
+_ROUNDS = 4  # feet that were changed are planted in other frames
 _KEPT = 0.3  # share of the margin within which a frame is left alone
 
 
@@ -173,17 +173,25 @@ class Balancer:
         weight = np.full(y.shape[1], p.joint_weight)
         weight[:3], weight[3:ROOT] = p.root_weight, p.root_turn_weight
         roots = motion.root_positions, motion.root_rotations.as_matrix()
+        every = np.arange(motion.num_frames)
+        turned = Slerp(every, motion.root_rotations)
 
         def placed(frames: np.ndarray, y: np.ndarray) -> Placed:
             p_0, R_0 = (x[frames] for x in roots)
             return Placed(self._poses, self._rest, self._base, p_0, R_0, y)
 
+        def on_ways(times: np.ndarray, y: np.ndarray) -> Placed:
+            p_0 = np.column_stack([np.interp(times, every, x) for x in roots[0].T])
+            R_0 = turned(times).as_matrix()
+            return Placed(self._poses, self._rest, self._base, p_0, R_0, y)
+
         points = support.points()
         rows, kept = (
             Balance(
-                placed,
+                on_ways,
                 self._masses,
                 half_planes(points, support.floor, share * p.margin),
+                support.goes_on,
                 motion.rate,
             )
             for share in (1.0, _KEPT)

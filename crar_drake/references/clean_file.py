@@ -94,7 +94,7 @@ class CleanedClip(Change):
         outside_before, outside: how far outside the support the centre of pressure is
             in them, in the worst of 95 % [m]; negative inside.
         lifts: of feet while another one, or a hand, stays planted; -1 as well.
-        lifts_outside: those of them that are not balanced on what stays,
+        lifts_outside: those of them that are not balanced on what stays, a violation,
         lifts_before: and of the lifts of the motion before.
         lifted_outside: which they are, and by how much, in words; "" if none is.
         outside_in: frames in which the centre of pressure is outside, and by how
@@ -148,10 +148,11 @@ class CleanedClip(Change):
 
     @property
     def violated(self) -> bool:
-        """Whether anything is left, a way between frames is not shown to be clear, or
-        it changed by more than was allowed."""
+        """Whether anything is left, a way between frames is not shown to be clear, a
+        foot is lifted that was to be balanced on the other and is not, or it changed by
+        more than was allowed."""
         left = self.penetrating or self.beyond_limit or self.too_fast
-        left = left or self.too_strong > 0
+        left = left or self.too_strong > 0 or self.lifts_outside > 0
         meshes = self.meshes_penetrating > 0 or self.meshes_unclear > 0
         return bool(left or meshes or self.exceeded) or not self.between >= 0.0
 

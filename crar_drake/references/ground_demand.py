@@ -28,7 +28,8 @@ ON_THE_FLOOR = (
     0.01  # [m] above the floor that points of a planted foot support, at most
 )
 _LEAST_FORCE = 0.05  # of the weight, below which there is no centre of pressure
-_GAUSS = (0.5 - 0.5 / 3.0**0.5, 0.5 + 0.5 / 3.0**0.5)  # shares of a way, for its mean
+# Shares of a way, and their weights, for its mean (Gauss's rule of three places).
+_GAUSS = tuple((0.5 + x * 0.15**0.5, w / 18.0) for x, w in ((-1, 5), (0, 8), (1, 5)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,15 +154,15 @@ def mean_wrench(
     if T > 2:
         v = _step_velocities(robot, root, motion)
         L, before, after = np.zeros((3, T - 1, 3))
-        for share in _GAUSS:
+        for share, rule in _GAUSS:
             q = _positions(robot, root, _on_ways(motion, share))
             for t in range(T - 1):
                 plant.SetPositions(context, q[t])
                 plant.SetVelocities(context, v[t])
                 h = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
-                L[t] += 0.5 * h.rotational()
+                L[t] += rule * h.rotational()
                 p_WC = plant.CalcCenterOfMassPositionInWorld(context)
-                held = 0.5 * np.cross(p_WC, weight)
+                held = rule * np.cross(p_WC, weight)
                 before[t] += share * held
                 after[t] += (1.0 - share) * held
         rate = motion.rate

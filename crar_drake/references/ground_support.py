@@ -106,6 +106,16 @@ class Support:
         carried = (goes_on & wide[:, :-2]).any(axis=0)
         return dict(zip(self.planted, np.where(carried, goes_on, planted), strict=True))
 
+    @property
+    def goes_on(self) -> np.ndarray:
+        """(T,) frames in which something stays planted that does in the frame before
+        and in the frame after, unless these are of a flight."""
+        stays = np.array(list(self.stays.values()))  # (F, T)
+        some = stays.any(axis=0)
+        shared = (stays[:, 1:] & stays[:, :-1]).any(axis=0)
+        shared |= ~(some[1:] & some[:-1])
+        return np.append(shared, True) & np.append(True, shared)
+
     def points(self) -> list[np.ndarray]:
         """(T) of each frame that is judged (V, 2) the points of what stays planted [m];
         none of others. So a foot is lifted, and set down, while the motion is balanced

@@ -15,11 +15,22 @@ of pressure is the horizontal part of H / F_z (M. Vukobratovic and B. Borovac,
 
 which divides by nothing, and asks for F_z >= 0 with it.
 
-Each frame has such rows twice, of two accelerations. *Second differences* x'' are those
-of the mean force from the frame before to the frame after. On a *cubic spline* through
-the frames accelerations M swing beyond them: M_(k-1) + 4 M_k + M_(k+1) = 6 x''_k (C. de
-Boor, "A Practical Guide to Splines", 1978, ch. IV), of which five frames say most.
-Between two frames they are a mean of those at both.
+Each frame has such rows twice. *Of the mean* from the frame before to the frame after,
+forces are second differences over the time h, and their moments what changes the mean
+momentum of one straight way to that of the next. That is of the areas A, twice, which
+the points sweep about the floor:
+
+    H = sum_i m_i [(A_i(k, k+1) - A_i(k-1, k)) / h^2 + g mean(p_i)].
+
+An arm may turn by a radian or two on a way, and a chord sweeps much less than its arc:
+A is of two chords or more, and extrapolated from half as many (L. F. Richardson, Phil.
+Trans. R. Soc. A 226, 1927).
+
+*On a cubic spline* through the frames accelerations M swing beyond second differences:
+M_(k-1) + 4 M_k + M_(k+1) = 6 x''_k (C. de Boor, "A Practical Guide to Splines", 1978,
+ch. IV), of which five frames say most. Between two frames they are a mean of those at
+both. Where one foot takes over from another within a step, centres of pressure leap
+from sole to sole. No spline's acceleration does: there the mean alone is asked.
 """
 
 from __future__ import annotations
@@ -37,11 +48,15 @@ from crar_drake.trajectory.optimiser import WideRows
 
 # Corners of a tetrahedron whose mean is 0, and whose mean square is 1 along each axis.
 _CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
-# Second derivatives at the third of five samples: the second difference, and that of a
-# cubic spline, cut off, but right of parabolas.
+# The second derivative at the third of five samples of a cubic spline, cut off, but
+# right of parabolas.
 _BESIDE = 0.5 * (3.0**0.5 - 1.0)
-OF_THREE = np.array([0.0, 1.0, -2.0, 1.0, 0.0])
-OF_SPLINE = OF_THREE - _BESIDE * np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+OF_SPLINE = np.array([0.0, 1.0, -2.0, 1.0, 0.0]) - _BESIDE * np.array(
+    [1.0, -4.0, 6.0, -4.0, 1.0]
+)
+# A way to the next frame has two parts for each so much [rad or m] that it changes a
+# joint, or how far the root is from where it is given, and so many times two at most.
+_PART, _MOST_PARTS = 0.5, 4
 _SIDES = 16  # of a hull, at most
 _SHARE_OF_WIDTH = 0.8  # of a narrow support's half width, that its margin is at most
 
@@ -141,6 +156,75 @@ def demand(
     return found, G
 
 
+@compiled(loops=True)
+def mean_demand(
+    p: np.ndarray,
+    J: np.ndarray,
+    masses: np.ndarray,
+    first: np.ndarray,
+    frames: np.ndarray,
+    rate: float,
+    floor: np.ndarray,
+    gravity: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """As `demand`, of the mean from the frame before to the frame after; gradients by
+    the unknowns of these three, (R, 3, 3, m).
+
+    Args:
+        p, J: (S, P, 3) [m], (S, P, 3, m) of points at K frames and between; a share t
+            of the way to the next frame moves by 1 - t and t of what moves both.
+        masses: (P,) [kg].
+        first: (K,) which of the S is each frame; ways have an even number of parts.
+        frames: (R,) in which of the K it is asked, not in the first or the last.
+        rate: frames per second [Hz].
+        floor: (R,) its height [m].
+        gravity: [m/s^2].
+    """
+    R, m = len(frames), J.shape[3]
+    found, G = np.zeros((R, 3)), np.zeros((R, 3, 3, m))
+    weight = masses.sum() * gravity
+    for r in range(R):
+        around = first[frames[r] - 1 : frames[r] + 2]
+        for i in range(p.shape[1]):
+            share = masses[i] / weight
+            by = share * rate * rate
+            found[r, 0] += share * gravity
+            for k in range(3):
+                up = by * (-2.0 if k == 1 else 1.0)
+                found[r, 0] += up * (p[around[k], i, 2] - floor[r])
+                for j in range(m):
+                    G[r, 0, k, j] += up * J[around[k], i, 2, j]
+            for way in range(2):
+                start, parts = around[way], around[way + 1] - around[way]
+                area = by / 3.0 if way else -by / 3.0
+                for a in range(parts + 1):
+                    at, t = start + a, a / parts
+                    # Simpson's rule, of what counts the more the nearer to the frame.
+                    rule = 1.0 if a in (0, parts) else 4.0 if a % 2 else 2.0
+                    held = share * gravity * rule / (3.0 * parts)
+                    held *= 1.0 - t if way else t
+                    for c in range(2):
+                        # The area is linear in each place: chords, and extrapolated
+                        # with those that are twice as long.
+                        gx, gz = 0.0, 0.0
+                        for long in range(1, 3 - a % 2):
+                            for side in (-1, 1):
+                                b = a + side * long
+                                if 0 <= b <= parts:
+                                    size = (4.0 if long == 1 else -1.0) * side * area
+                                    gx += size * (p[start + b, i, 2] - floor[r])
+                                    gz -= size * p[start + b, i, c]
+                        x, z = p[at, i, c], p[at, i, 2] - floor[r]
+                        # Both ends of a chord count it.
+                        found[r, 1 + c] += 0.5 * (gx * x + gz * z) + held * x
+                        gx += held
+                        for j in range(m):
+                            slope = gx * J[at, i, c, j] + gz * J[at, i, 2, j]
+                            G[r, 1 + c, way, j] += (1.0 - t) * slope
+                            G[r, 1 + c, way + 1, j] += t * slope
+    return found, G
+
+
 @dataclass(frozen=True)
 class HalfPlanes:
     """The supports of T frames, n . p <= b each.
@@ -214,17 +298,20 @@ class Balance:
         placed: Callable[[np.ndarray, np.ndarray], Placed],
         masses: PointMasses,
         support: HalfPlanes,
+        smooth: np.ndarray,
         rate: float,
     ) -> None:
         """
         Args:
-            placed: the links at some frames, of their unknowns.
+            placed: the links at some frames, of their unknowns; 1.5 is halfway from
+                frame 1 to the next.
             masses: of these links.
             support: of each frame of the motion.
+            smooth: (T,) frames in which a spline is asked for, too.
             rate: frames per second [Hz].
         """
         self._placed, self._masses = placed, masses
-        self._support, self._rate = support, rate
+        self._support, self._smooth, self._rate = support, smooth, rate
         self._supported = support.supported
         self.num_rows, self.width = 2 * support.bounds.shape[1], len(OF_SPLINE)
 
@@ -235,24 +322,14 @@ class Balance:
         rows = np.searchsorted(frames, wanted)
         there = frames[np.minimum(rows, len(frames) - 1)] == wanted
         inner = self._supported[frames] & (frames > 0) & (frames < last)
-        some = np.flatnonzero(inner & there.all(axis=1))
+        three = np.flatnonzero(inner & there.all(axis=1))
         # Beside the first and the last frame there are three.
-        five = some[(frames[some] >= reach) & (frames[some] <= last - reach)]
-        kind = np.repeat([0, 1], [len(some), len(five)])
-        some = np.concatenate([some, five])
-        rows, t = rows[some], frames[some]
-        second = np.stack([OF_THREE, OF_SPLINE])[kind] * self._rate**2
-        masses = self._masses
-        p, J = self._placed(frames, y).points(masses.links, masses.offsets)
-        found, G = demand(
-            p,
-            J,
-            masses.masses,
-            rows,
-            second,
-            self._support.floor[t],
-            masses.gravity,
-        )
+        five = three[(frames[three] >= reach) & (frames[three] <= last - reach)]
+        five = five[self._smooth[frames[five]]]
+        some = np.concatenate([three, five])
+        kind = np.repeat([0, 1], [len(three), len(five)])
+        found, G = self._demand(frames, y, three, five, rows)
+        t = frames[some]
         n, b = self._support.normals[t], self._support.bounds[t]
         H = found[:, None, 1:]
         # (R, N); infinite where there are fewer sides: a force may be downwards.
@@ -262,4 +339,42 @@ class Balance:
         share = np.column_stack([b[row, side], -n[row, side]])
         gradient = np.einsum("ra,raWm->rWm", share, G[row])
         number = side + kind[row] * b.shape[1]
-        return WideRows(rows[row], number, d[row, side], gradient)
+        return WideRows(rows[some][row], number, d[row, side], gradient)
+
+    def _demand(
+        self,
+        frames: np.ndarray,
+        y: np.ndarray,
+        three: np.ndarray,
+        five: np.ndarray,
+        rows: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Of the mean in some of these frames, and then on a spline in others, by the
+        unknowns of five frames (`rows`) each; see `demand`."""
+        masses, floor = self._masses, self._support.floor[frames]
+        steps = np.abs(np.diff(y, axis=0)).max(axis=1)
+        # Of what is not a number there are as many as of the largest.
+        twos = np.fmax(1.0, np.fmin(np.ceil(steps / _PART), _MOST_PARTS))
+        parts = 2 * twos.astype(int)
+        first = np.append(0, np.cumsum(parts))
+        k = np.repeat(np.arange(len(parts)), parts)
+        share = (np.arange(len(k)) - first[k]) / parts[k]
+        times = np.append(frames[k] + share, frames[-1])
+        between = y[k] + share[:, None] * (y[k + 1] - y[k])
+        p, J = self._placed(times, np.concatenate([between, y[-1:]])).points(
+            masses.links, masses.offsets
+        )
+        mean, G = mean_demand(
+            p, J, masses.masses, first, three, self._rate, floor[three], masses.gravity
+        )
+        bent, more = demand(
+            p[first],
+            J[first],
+            masses.masses,
+            rows[five],
+            np.tile(OF_SPLINE * self._rate**2, (len(five), 1)),
+            floor[five],
+            masses.gravity,
+        )
+        G = np.pad(G, ((0, 0), (0, 0), (1, 1), (0, 0)))
+        return np.concatenate([mean, bent]), np.concatenate([G, more])

@@ -9,7 +9,7 @@ from small_reference_robots import write_csv, write_robot
 from small_walker import ANKLE_HEIGHT, HALF_WIDTH, HIP, SHANK, THIGH, walker
 
 from crar_drake.commands import main
-from crar_drake.commands.clean import balance_lines
+from crar_drake.commands.clean import balance_lines, violations
 from crar_drake.errors import ModelError
 from crar_drake.references import clean_file as clean_file_module
 from crar_drake.references.balancing import Balancer
@@ -79,6 +79,17 @@ def lifting(robot) -> RobotMotion:
     q = motion.joint_positions.copy()
     for joint, share in (("hip_pitch", -1.0), ("shank", 2.0), ("ankle", -1.0)):
         q[:, robot.joint_names.index(f"left_{joint}_j")] = share * angle
+    return replace(motion, joint_positions=q)
+
+
+def taking_over(robot) -> RobotMotion:
+    """The left foot is in the air, 4 cm up, and from frame 30 on the right one, from
+    one frame to the next, while all above stays midway between the feet."""
+    motion = standing(robot, "pitch", np.zeros(FRAMES))
+    q = motion.joint_positions.copy()
+    for side, up in (("left", slice(0, 30)), ("right", slice(30, None))):
+        for joint, share in (("hip_pitch", -1.0), ("shank", 2.0), ("ankle", -1.0)):
+            q[up, robot.joint_names.index(f"{side}_{joint}_j")] = 0.32 * share
     return replace(motion, joint_positions=q)
 
 
@@ -165,6 +176,33 @@ def test_a_foot_is_lifted_once_the_other_balances(made):
     np.testing.assert_array_equal(again.joint_positions, found.joint_positions)
 
 
+def test_no_spline_is_asked_where_one_foot_takes_over_from_the_other(made):
+    """Centres of pressure leap from sole to sole there."""
+    robot, ground, balancer = made
+    motion = taking_over(robot)
+    support = ground.support(motion)
+    y = np.zeros((FRAMES, 6 + robot.n))
+    nothing = np.zeros((FRAMES, 0))
+    wide = balancer.problem(motion, support, nothing, y).wide
+    frames, row = wide.rows(np.arange(FRAMES), y).places
+    of_spline = row >= wide.num_rows // 2
+    np.testing.assert_array_equal(np.unique(frames[~of_spline]), np.arange(1, 60))
+    expected = np.setdiff1d(np.arange(2, 59), [29, 30])
+    np.testing.assert_array_equal(np.unique(frames[of_spline]), expected)
+
+
+def test_what_goes_on_beside_flights_and_where_feet_take_over():
+    left = np.array([1, 1, 0, 0, 1, 1, 0, 0, 1, 1], dtype=bool)
+    right = np.array([0, 1, 1, 1, 0, 0, 0, 1, 1, 0], dtype=bool)
+    support = Support(
+        np.zeros(10),
+        {foot: np.zeros((10, 1, 3)) for foot in ("left_foot", "right_foot")},
+        {"left_foot": left, "right_foot": right},
+    )
+    expected = np.array([1, 1, 1, 0, 0, 1, 1, 1, 1, 1], dtype=bool)
+    np.testing.assert_array_equal(support.goes_on, expected)
+
+
 def test_what_carries_where_a_foot_is_lifted():
     """The right foot alone in the last frame of the left one; both, where it was set
     down in that frame only, and where none goes on."""
@@ -204,6 +242,28 @@ def test_who_needs_no_ground_or_has_no_soles_is_told(tmp_path):
     (place / "robot.yaml").write_text(text)
     with pytest.raises(ModelError, match="no foot has a shape"):
         Ground(WholeBody(load_robot_description(place)))
+
+
+def test_a_lift_that_is_not_balanced_is_a_violation_by_name(
+    made, folder, tmp_path, capsys, monkeypatch
+):
+    """As of a motion that nothing could balance."""
+    robot, ground, _ = made
+    motion, out = lifting(robot), tmp_path / "out.csv"
+    path = written(tmp_path / "lifting.csv", motion)
+    monkeypatch.setattr(Balancer, "balance", lambda self, motion, *_: motion)
+    given = ["clean", str(path), "--robot", str(folder), "--layout", "wxyz-csv"]
+    assert main([*given, "--out", str(out), "--no-page", "--balance"]) == 1
+    (lift,) = ground.judged(motion)[1]
+    which = f"left_foot in frame {lift.frame + 1} ({1e3 * lift.outside:.1f} mm)"
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == f"VIOLATED: 1 lift of a foot not balanced on what stays: {which}"
+    (clip,) = clean_file(path, out, str(folder), layout="wxyz-csv", balance=True)
+    assert clip.violated and clip.lifts_outside == 1
+    # Of several motions it says how many.
+    assert violations([clip, replace(clip, lifts_outside=0)]) == [
+        "1 lift of a foot not balanced on what stays"
+    ]
 
 
 def written(path, motion: RobotMotion):

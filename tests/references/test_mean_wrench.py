@@ -83,6 +83,43 @@ def test_it_is_the_mean_of_the_instants(made):
         )
 
 
+def test_it_is_right_of_joints_that_turn_far(made):
+    """Of straight ways on which joints turn by two radians and the root by one."""
+    robot, root = made
+    rng, T, rate, fine = np.random.default_rng(3), 4, 30.0, 400
+    joints = np.cumsum(rng.uniform(-2.0, 2.0, (T, robot.n)), axis=0)
+    places = np.cumsum(rng.uniform(-0.1, 0.1, (T, 3)), axis=0)
+    turns = Rotation.from_rotvec(np.arange(T)[:, None] * AXIS)
+    quaternions = turns.as_quat()[:, [3, 0, 1, 2]]
+    motion = RobotMotion(robot.joint_names, places, quaternions, joints, rate)
+    found = mean_wrench(robot, root, motion)
+    plant, at = robot.plant, root.velocity_start()
+    context, start = plant.CreateDefaultContext(), root.position_start()
+    moment = np.zeros((T, 3))
+    for way in range(T - 1):
+        step, moves = np.diff(joints, axis=0)[way], np.diff(places, axis=0)[way]
+        v = rate * robot.velocities(step[None])[0]
+        v[at : at + 6] = rate * np.concatenate([AXIS, moves])
+        plant.SetVelocities(context, v)
+        for share in (np.arange(fine) + 0.5) / fine:
+            q = robot.configurations((joints[way] + share * step)[None])[0]
+            turned = Rotation.from_rotvec((way + share) * AXIS).as_quat()[[3, 0, 1, 2]]
+            q[start : start + 4], q[start + 4 : start + 7] = (
+                turned,
+                places[way] + share * moves,
+            )
+            plant.SetPositions(context, q)
+            h = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
+            p_WC = plant.CalcCenterOfMassPositionInWorld(context)
+            held = np.cross(p_WC, [0.0, 0.0, found.weight])
+            change = rate * h.rotational()
+            moment[way] += (change + (1.0 - share) * held) / fine
+            moment[way + 1] += (share * held - change) / fine
+    size = np.abs(moment).max()
+    assert size > 10.0 * found.weight
+    np.testing.assert_allclose(found.moment[1:-1], moment[1:-1], atol=1e-3 * size)
+
+
 def test_joints_that_jump(made):
     """To and fro by half a radian: the force is that of centres of mass at frames."""
     robot, root = made

@@ -9,24 +9,27 @@ from pydrake.multibody.tree import JointIndex
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from crar_drake.references.ground_demand import ground_wrench
+from crar_drake.references.ground_demand import ground_wrench, mean_wrench
+from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.robot.description import find_body, load_robot_description
+from crar_drake.robot.description import find_body, find_root, load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.robot_import.link_outlines import links_outward
 from crar_drake.trajectory.balance import (
     OF_SPLINE,
-    OF_THREE,
     Balance,
     demand,
     half_planes,
+    mean_demand,
     point_masses,
 )
 from crar_drake.trajectory.body_points import ROOT, Placed
 
 AXIS = np.array([0.36, -0.48, 0.8])
 FLOOR = -0.4  # [m]
+OF_THREE = np.array([0.0, 1.0, -2.0, 1.0, 0.0])  # as OF_SPLINE, second differences
+TRIANGLE = np.array([[-0.1, -0.1], [0.2, 0.0], [0.0, 0.15]])
 
 
 class Floater:
@@ -149,6 +152,63 @@ def test_a_mass_at_constant_acceleration_presses_behind_itself(second):
     np.testing.assert_allclose(found[0, 1:] / found[0, 0], expected, rtol=1e-9)
 
 
+def test_the_mean_of_a_mass_at_constant_acceleration():
+    """The weight's arm is the mean place, the rest as at the instant; by hand."""
+    rate, g, a = 25.0, 9.81, np.array([1.5, -0.4, 2.0])
+    t = np.arange(-2, 3) / (2.0 * rate)
+    p = ([0.2, -0.1, 0.8] + 0.5 * t[:, None] ** 2 * a)[:, None]
+    found, _ = mean_demand(
+        p,
+        np.zeros((5, 1, 3, 1)),
+        np.array([3.0]),
+        np.array([0, 2, 4]),
+        np.array([1]),
+        rate,
+        np.array([FLOOR]),
+        g,
+    )
+    place = np.array([0.2, -0.1]) + a[:2] / (12.0 * rate**2)
+    moment = np.array([0.2, -0.1]) * a[2] - (0.8 - FLOOR) * a[:2]
+    np.testing.assert_allclose(found[0, 0], 1.0 + a[2] / g, rtol=1e-9)
+    np.testing.assert_allclose(found[0, 1:], place + moment / g, rtol=1e-9)
+
+
+@pytest.mark.parametrize("rate", [2.2, 10.0])
+def test_the_mean_is_what_the_change_of_momentum_says(floater, rate):
+    """By Drake's momentum on the same straight ways; at 2.2 Hz joints turn by up to 0.7
+    rad on one, and three add up."""
+    frames, every = np.arange(9), np.ones(9, dtype=bool)
+    y = floater.unknowns(0.3 + frames / rate)
+    most = np.abs(np.diff(y[:, ROOT:], axis=0)).max()
+    assert (most > 0.6) == (rate < 3.0)
+    turned = Rotation.from_rotvec(y[:, 3:ROOT]) * Rotation.from_matrix(floater.R_0)
+    names = floater.model.joint_names
+    motion = RobotMotion(
+        tuple(names),
+        y[:, :3] + [0.1, 0.2, 0.5],
+        turned.as_quat()[:, [3, 0, 1, 2]],
+        y[:, ROOT:],
+        rate,
+    )
+    robot = floater.robot
+    columns = [names.index(name) for name in robot.joint_names]
+    motion = replace(
+        motion,
+        joint_names=robot.joint_names,
+        joint_positions=motion.joint_positions[:, columns],
+    )
+    wrench = mean_wrench(robot, find_root(robot.plant, robot.description), motion)
+    support = half_planes([TRIANGLE] * 9, np.full(9, FLOOR), 0.01)
+    rows = Balance(floater.placed, floater.masses, support, ~every, rate)(frames, y)
+    t, side = rows.places
+    n, b = support.normals[t, side], support.bounds[t, side]
+    force, moment = wrench.force[t] / wrench.weight, wrench.moment[t] / wrench.weight
+    H = np.column_stack([-moment[:, 1], moment[:, 0]]) + FLOOR * force[:, :2]
+    expected = b * force[:, 2] - (n * H).sum(axis=1) - support.margins[t]
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(rows.d, expected, atol=2e-3 * size)
+
+
 def test_five_samples_say_how_a_spline_through_many_bends():
     """What is left of its second derivative is a fraction of what three leave."""
     x = np.random.default_rng(4).normal(size=400)
@@ -161,13 +221,14 @@ def test_five_samples_say_how_a_spline_through_many_bends():
     assert lack["five"] < 0.15 * np.sqrt(np.mean(bends**2))
 
 
-def test_its_gradient_is_that_of_finite_differences(floater):
+@pytest.mark.parametrize("rate", [2.2, 50.0])  # with four parts of a way, and with two
+def test_its_gradient_is_that_of_finite_differences(floater, rate):
     """Of all sides of a triangle, by the unknowns of all frames."""
-    triangle = np.array([[-0.1, -0.1], [0.2, 0.0], [0.0, 0.15]])
-    support = half_planes([triangle] * 7, np.full(7, FLOOR), 0.01)
-    rows = Balance(floater.placed, floater.masses, support, 50.0)
+    support = half_planes([TRIANGLE] * 7, np.full(7, FLOOR), 0.01)
+    every = np.ones(7, dtype=bool)
+    rows = Balance(floater.placed, floater.masses, support, every, rate)
     frames = np.arange(7)
-    y = floater.unknowns(0.3 + frames / 50.0)
+    y = floater.unknowns(0.3 + frames / rate)
     at = rows(frames, y)
     # Three sides in each inner frame, and three more where five frames are there.
     assert len(at.d) == 3 * 5 + 3 * 3 and (at.d < 0.0).any()
@@ -187,11 +248,10 @@ def test_its_gradient_is_that_of_finite_differences(floater):
 
 
 def test_frames_that_are_no_neighbours_or_do_not_stand_have_no_rows(floater):
-    triangle = np.array([[-0.1, -0.1], [0.2, 0.0], [0.0, 0.15]])
-    nothing = np.zeros((0, 2))
-    points = [triangle, triangle, nothing, *[triangle] * 6]
+    nothing, every = np.zeros((0, 2)), np.ones(9, dtype=bool)
+    points = [TRIANGLE, TRIANGLE, nothing, *[TRIANGLE] * 6]
     support = half_planes(points, np.full(9, FLOOR), 0.01)
-    rows = Balance(floater.placed, floater.masses, support, 50.0)
+    rows = Balance(floater.placed, floater.masses, support, every, 50.0)
     y = floater.unknowns(0.3 + np.arange(9) / 50.0)
     every = rows(np.arange(9), y)
     assert set(every.frames[:, 2]) == {1, 3, 4, 5, 6, 7}
@@ -201,6 +261,12 @@ def test_frames_that_are_no_neighbours_or_do_not_stand_have_no_rows(floater):
     mine = every.frames[:, 2] == 5
     np.testing.assert_array_equal(found.d, every.d[mine])
     assert not len(rows(some[:3], y[:3]).d)
+    # No spline is asked of frame 5.
+    rows = Balance(floater.placed, floater.masses, support, np.arange(9) != 5, 50.0)
+    less = rows(np.arange(9), y)
+    gone = mine & (every.row >= len(TRIANGLE))
+    assert gone.sum() == len(TRIANGLE)
+    np.testing.assert_array_equal(less.d, every.d[~gone])
 
 
 def test_half_planes_are_the_hull():

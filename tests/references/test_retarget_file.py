@@ -14,14 +14,14 @@ from small_walker import leg_points, walker
 from crar_drake.commands import main
 from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.conditioning import low_pass
-from crar_drake.references.clean_file import clean_file
-from crar_drake.references.ground_support import Ground, given_share
-from crar_drake.references.motion_certificate import (
+from crar_drake.references.certificate_files import (
     certificate_path,
-    check_certificate,
     file_hash,
     read_certificate,
 )
+from crar_drake.references.clean_file import clean_file
+from crar_drake.references.ground_support import Ground, given_share
+from crar_drake.references.motion_certificate import check_certificate
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.retarget_file import retarget_file
 from crar_drake.references.whole_body import WholeBody

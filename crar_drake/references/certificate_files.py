@@ -15,6 +15,7 @@ from pathlib import Path
 from crar_drake.errors import CrarError
 from crar_drake.files import check_file, whole_file
 from crar_drake.references.layouts import LAYOUTS
+from crar_drake.robot.description import RobotDescription
 
 KIND = "crar-drake certificate of a reference motion"
 FORMAT = 4
@@ -53,6 +54,13 @@ def check_certificate_place(motion: Path) -> None:
 def file_hash(path: str | os.PathLike[str]) -> str:
     """SHA-256 of a file's bytes, in hexadecimal digits."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def robot_files(description: RobotDescription) -> dict[str, str]:
+    """Name to hash of the files that say what the robot is: description and model."""
+    folder = Path(description.folder)
+    files = [folder / "robot.yaml", folder / description.model]
+    return {path.name: file_hash(path) for path in files if path.is_file()}
 
 
 def write_certificate(path: Path, certificate: dict) -> None:
@@ -104,14 +112,24 @@ def read_certificate(path: str | os.PathLike[str]) -> dict:
     return certificate
 
 
-def told_beside(motion: str | os.PathLike[str]) -> tuple[str | None, float | None]:
-    """What the certificate beside a motion says of this very file: the name of its
-    layout, and its rate [Hz] where such files have none; None where nothing says it.
+def told_beside(
+    motion: str | os.PathLike[str], robot: RobotDescription | None
+) -> tuple[str | None, float | None, bool]:
+    """What the certificate beside a motion says of this very file.
+
+    Returns:
+        The name of its layout; its rate [Hz] where such files have none; each None
+        where nothing says it. And whether it was written for this robot.
     """
-    layout = rate = None
+    layout = rate = files = None
     with suppress(CrarError, OSError):
-        of_file = read_certificate(certificate_path(motion))["motion"]
+        certificate = read_certificate(certificate_path(motion))
+        of_file = certificate["motion"]
         if of_file["sha256"] == file_hash(motion):
             layout, rate = of_file.get("layout"), of_file.get("rate")
-    known = isinstance(layout, str) and layout in LAYOUTS
-    return layout if known else None, rate if isinstance(rate, int | float) else None
+            files = certificate["robot"]["files"]
+    return (
+        layout if isinstance(layout, str) and layout in LAYOUTS else None,
+        rate if isinstance(rate, int | float) else None,
+        robot is not None and files == robot_files(robot),
+    )

@@ -26,9 +26,9 @@ from crar_drake.references.certificate_files import (
     certificate_path,
     file_hash,
     read_certificate,
+    robot_files,
 )
 from crar_drake.references.folder_page import Figure, PageRow, write_folder_page
-from crar_drake.references.motion_certificate import robot_files
 from crar_drake.robot.description import load_robot_description
 
 CLEANED_TABLE, RETARGETED_TABLE = "cleaned.csv", "retargeted.csv"

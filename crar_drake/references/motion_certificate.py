@@ -18,7 +18,7 @@ import numpy as np
 from crar_drake.errors import CrarError
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.judging.referee import Referee
-from crar_drake.references.certificate_files import FORMAT, KIND, file_hash
+from crar_drake.references.certificate_files import FORMAT, KIND, file_hash, robot_files
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_files import read_motions
@@ -54,13 +54,6 @@ class CertifiedClip:
     rate: float
     margins: Margins
     meshes: MeshClearance | None
-
-
-def robot_files(description: RobotDescription) -> dict[str, str]:
-    """Name to hash of the files that say what the robot is: description and model."""
-    folder = Path(description.folder)
-    files = [folder / "robot.yaml", folder / description.model]
-    return {path.name: file_hash(path) for path in files if path.is_file()}
 
 
 def make_certificate(

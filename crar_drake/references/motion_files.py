@@ -101,8 +101,11 @@ def read_motions(
     robot: WholeBody | None = None,
 ) -> tuple[RobotMotion, ...]:
     """Reads all motions of a file, at least one; see `read_motion`."""
-    told_layout, told_rate = told_beside(path)
+    described = None if robot is None else robot.description
+    told_layout, told_rate, same_robot = told_beside(path, described)
     layout, rate = layout or told_layout, told_rate if rate is None else rate
+    if same_robot and told_layout and layout == told_layout:
+        joint_names = joint_names or _layouts_order(LAYOUTS[layout], robot)
     motions = _read_file(Path(path), layout, rate, joint_names)
     if rate is None:
         motions = tuple(_with_plausible_rate(motion) for motion in motions)
@@ -235,5 +238,8 @@ def _in_layouts_order(
             )
         return motion
     named = matched(motion, robot) if motion.joint_names == () else motion
-    wanted = robot.breadth_first if to.breadth_first else robot.joint_names
-    return reordered(named, wanted)
+    return reordered(named, _layouts_order(to, robot))
+
+
+def _layouts_order(layout: Layout, robot: WholeBody) -> tuple[str, ...]:
+    return robot.breadth_first if layout.breadth_first else robot.joint_names

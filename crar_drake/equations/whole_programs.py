@@ -16,6 +16,8 @@ The means are Numba's own: a compiler class with another library for the code
 """
 
 import gc
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cached_property
@@ -86,6 +88,10 @@ class Whole(JITCodeLibrary):
         self._linking_libraries = []
         super().finalize()
 
+    def _finalize_specific(self) -> None:
+        with _undisturbed():
+            super()._finalize_specific()
+
     def _optimize_final_module(self) -> None:
         """In one go: the cheap one that Numba sends ahead gains nothing here."""
         passes, builder = self._codegen._module_pass_manager()
@@ -144,6 +150,29 @@ class ProgramCompiler(Compiler):
             return super().compile_extra(func)
         finally:
             del codegen._library_class
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Lets what would end the process wait for the end of the block.
+
+    LLVM hands machine code back to Python in the middle of its work, where a
+    KeyboardInterrupt would be lost, and the machine code as well.
+    """
+    waiting, handlers = [], {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            handler = signal.getsignal(number)
+            if callable(handler):
+                handlers[number] = handler
+                signal.signal(number, lambda number, _: waiting.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if waiting:
+            signal.raise_signal(waiting[0])
 
 
 @contextmanager

@@ -92,6 +92,11 @@ class Whole(JITCodeLibrary):
         with _undisturbed():
             super()._finalize_specific()
 
+    def get_pointer_to_function(self, name: str) -> int:
+        self._ensure_finalized()
+        with _undisturbed():
+            return super().get_pointer_to_function(name)
+
     def _optimize_final_module(self) -> None:
         """In one go: the cheap one that Numba sends ahead gains nothing here."""
         passes, builder = self._codegen._module_pass_manager()

@@ -522,8 +522,8 @@ class PersonTasks:
         stands = down[1:] & down[:-1]
         # From the one on the other a foot goes in a step as it is wanted to.
         passes = down[1:].any(axis=2) & down[:-1].any(axis=2) & ~stands.any(axis=2)
-        weights = p.standing * (stands | passes[..., None]).reshape(len(steps), -1)
-        self.steps = steps.reshape(len(steps), -1)
+        weights = p.standing * (stands | passes[..., None]).reshape(len(steps), 4)
+        self.steps = steps.reshape(len(steps), 8)
         self.step_weights = np.repeat(weights, 2, axis=1)
         self._hands = [
             hand for hand in targets.hands if hand in robot.description.task_frames

@@ -166,6 +166,12 @@ def test_nothing_is_below_the_floor_and_what_stands_stays(made, legs):
     assert worst < 2e-3 and made[3].slip < 2e-3
 
 
+def test_of_so_few_frames_that_there_are_no_steps(made, tmp_path):
+    robot, person, _, _ = made
+    clip = retarget_file(person, tmp_path / "one.csv", str(robot), rate=0.1)
+    assert clip.cleaned.frames == 1 and not clip.cleaned.violated
+
+
 def test_how_the_person_was_read_is_said(made, tmp_path, capsys):
     person = short_amc(tmp_path, "few", 13)
     arguments = ["retarget", str(person), "--robot", str(made[0])]

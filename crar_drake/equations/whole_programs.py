@@ -165,9 +165,7 @@ def _undisturbed() -> Iterator[None]:
             signal.raise_signal(number)
         waiting.append(number)
         with suppress(OSError):  # not print, whose lock may be held
-            os.write(
-                2, b"ends once this is compiled; at once if asked again\n"
-            )
+            os.write(2, b"ends once this is compiled; at once if asked again\n")
 
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -17,10 +17,19 @@ from crar_drake.errors import CrarError
 from crar_drake.files import write_whole
 
 
+def seed_number(text: str) -> int:
+    """Converts a seed of dice: a whole number that is not negative."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a whole number from 0 on, as seeds are"
+        )
+    return int(text)
+
+
 def add_seeds(parser: argparse.ArgumentParser, name: str) -> None:
     """Adds the option --seeds to a benchmark's."""
     parser.add_argument(
-        "--seeds", type=int, nargs="+", default=[1], metavar="SEED",
+        "--seeds", type=seed_number, nargs="+", default=[1], metavar="SEED",
         help=f"of all dice; each is kept in out/{name}, and gone on with (default: 1)",
     )  # fmt: skip
 

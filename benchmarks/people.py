@@ -23,6 +23,7 @@ import numpy as np
 from benchmarks.adversary.judge import Judge
 from benchmarks.adversary.policies import POLICIES, Policy, Room
 from benchmarks.adversary.robots import load_subject
+from benchmarks.kept import seed_number
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.control.obstacles import Obstacles
 from crar_drake.control.safety_filter import (
@@ -255,7 +256,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.people", __doc__, "people")
     parser = benchmark.parser
     parser.add_argument("--steps", type=int, default=100_000, help="in all")
-    parser.add_argument("--seed", type=int, default=1, help="of all dice")
+    parser.add_argument("--seed", type=seed_number, default=1, help="of all dice")
     parser.add_argument("--evade", action="store_true", help="the robot evades them")
     options = benchmark.parse(
         argv, lambda options: "evaded" if options.evade else "attacks"

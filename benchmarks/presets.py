@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.kept import seed_number
 from benchmarks.page import Benchmark, Table
 from benchmarks.peers.problem import (
     ROBOT,
@@ -69,7 +70,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = benchmark.parser
     parser.add_argument("motions", nargs="*", help="recordings")
     parser.add_argument("--seeds", type=int, default=8, help="how many crossings")
-    parser.add_argument("--first", type=int, default=200, help="the first one's seed")
+    parser.add_argument(
+        "--first", type=seed_number, default=200, help="the first one's seed"
+    )
     parser.add_argument(
         "--experiment",
         choices=tuple(_PARTS),

@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.kept import seed_number
 from benchmarks.page import ROOT, Benchmark, Table, run
 from crar_drake.errors import CrarError
 from crar_drake.judging.obstacle_judge import ObstacleJudge
@@ -348,7 +349,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = benchmark.parser
     parser.add_argument("--minutes", type=float, default=10.0, help="how long")
     parser.add_argument("--loss", type=float, default=0.1, help="share of messages")
-    parser.add_argument("--seed", type=int, default=1, help="of the dice")
+    parser.add_argument("--seed", type=seed_number, default=1, help="of the dice")
     options = benchmark.parse(argv, lambda options: "soak")
     rows = soak(options.minutes, options.loss, options.seed)
     found = (

@@ -35,6 +35,7 @@ from benchmarks.adversary.cases import (
 from benchmarks.adversary.report import tables, told
 from benchmarks.adversary.robots import ASKED_FOR, ROBOTS, load_subject
 from benchmarks.adversary.run import play_and_judge, run_case
+from benchmarks.kept import seed_number
 from benchmarks.page import Benchmark, run
 from crar_drake.commands.options import count
 from crar_drake.control.modes import MODES
@@ -195,7 +196,7 @@ def parse(
         help=f"control steps a case, at least; {EXACT_STEPS} by default, "
         f"{TORQUE_STEPS} with torque, {QUICK_STEPS} if --quick",
     )
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=seed_number, default=0)
     parser.add_argument("--processes", type=count, default=os.cpu_count())
     parser.add_argument("--quick", action="store_true", help="few steps a case")
     parser.add_argument("--out", type=Path, default=Path("out/adversary"))

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.kept import seed_number
 from benchmarks.page import Benchmark, Table, run
 from benchmarks.peers.compare import (
     COMPILED,
@@ -74,7 +75,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         "--robot", choices=tuple(ROBOTS), default=ROBOT, help="whose motions"
     )
     parser.add_argument("--seeds", type=count, default=12, help="how many motions")
-    parser.add_argument("--first", type=int, default=0, help="the first one's seed")
+    parser.add_argument(
+        "--first", type=seed_number, default=0, help="the first one's seed"
+    )
     arguments = benchmark.parse(
         argv,
         lambda given: (

@@ -200,8 +200,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.jobs is not None:
         raise UsageError("--jobs is for folders")
     from crar_drake.files import check_file
+    from crar_drake.references.certificate_files import certificate_path
     from crar_drake.references.clean_file import clean_file
-    from crar_drake.references.motion_certificate import certificate_path
 
     out = arguments.out or OUT / "clean" / label(reference).with_suffix(
         reference.suffix

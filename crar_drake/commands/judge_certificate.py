@@ -51,11 +51,11 @@ def judge_certificates(arguments: argparse.Namespace) -> int:
 
 def _judge(motion: Path, robot: str | None) -> bool:
     """Whether that of one motion holds."""
-    from crar_drake.references.motion_certificate import (
+    from crar_drake.references.certificate_files import (
         certificate_path,
-        check_certificate,
         read_certificate,
     )
+    from crar_drake.references.motion_certificate import check_certificate
     from crar_drake.robot.description import load_robot_description, whole_body_name
 
     if not motion.is_file():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from crar_drake.errors import CrarError, ScenarioError, nearest
@@ -52,6 +53,13 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message} (see {self.prog} --help)")
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> object:
+        # Of a variable of the shell that is not set; as a path the working directory.
+        named = not action.option_strings and action.nargs != argparse.PARSER
+        if not arg_string and (named or action.type is Path):
+            raise argparse.ArgumentError(action, "it is empty")
+        return super()._get_value(action, arg_string)
 
     def _check_value(self, action: argparse.Action, value: object) -> None:
         if action.choices is not None and value not in action.choices:
@@ -221,8 +229,6 @@ def chosen_scenario(name: str) -> Scenario:
     Raises:
         ScenarioError: there is none, or it is a motion.
     """
-    from pathlib import Path
-
     from crar_drake.motion.catalogue import MOTION_SUFFIXES, refuse_robot_motion
     from crar_drake.simulation.scenario import load_scenario
 

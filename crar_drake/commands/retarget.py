@@ -105,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
         return _retarget_folder(arguments, options)
     if arguments.jobs is not None:
         raise UsageError("--jobs is for folders")
-    from crar_drake.references.motion_certificate import certificate_path
+    from crar_drake.references.certificate_files import certificate_path
     from crar_drake.references.retarget_file import retarget_file
     from crar_drake.references.retarget_folder import row_of
 

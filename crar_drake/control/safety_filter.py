@@ -264,7 +264,7 @@ class SafetyFilter:
         """
         if not isinstance(period, Real):
             raise ScenarioError(f"filter.period: {period!r} is no number of seconds")
-        ahead = lookahead or filter_parameters(period)
+        ahead = filter_parameters(period) if lookahead is None else lookahead
         if not isinstance(ahead, LookaheadParameters):
             raise ScenarioError(
                 "filter.lookahead: give LookaheadParameters, not "

@@ -283,9 +283,9 @@ class StandingLaw:
         # The root's rows, in shares x of the weight along the pyramids' edges:
         # a_b = B x - a_f.
         pushes = self._weight * pushes
-        solved = np.linalg.solve(
-            M[b] @ N, np.column_stack([pushes[b], M[b] @ a_0 + h[b]])
-        )
+        solved = _solved(M[b] @ N, np.column_stack([pushes[b], M[b] @ a_0 + h[b]]))
+        if not np.isfinite(solved).all():
+            return self._go_limp(M, v)
         B, a_f = solved[:, :-1], solved[:, -1]
 
         c = plant.CalcCenterOfMassPositionInWorld(context) - c_ref
@@ -344,7 +344,7 @@ class StandingLaw:
             right,
             _OUTSIDE * np.vstack([none, D, -D]),
             _OUTSIDE * np.concatenate([least, -1.0 - at, at - 1.0]),
-            np.linalg.solve(M, right),
+            _solved(M, right),
         )
         return np.maximum(x, 0.0)
 
@@ -402,6 +402,19 @@ class StandingLaw:
             R @ plant.CalcCenterOfMassTranslationalVelocityInWorld(context),
             R @ (GRAVITY * force / self._weight),
         )
+
+
+def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """A^-1 b, or NaN where there is none.
+
+    M N is singular in postures whose legs hold the root from neither side, of which
+    bent legs have some. The normal matrix of `_shares` is not, unless rows next to such
+    a posture are so large that the identity in it is lost to rounding.
+    """
+    try:
+        return np.linalg.solve(A, b)
+    except np.linalg.LinAlgError:
+        return np.full_like(b, np.nan)
 
 
 def _within(corners: np.ndarray, margin: float) -> np.ndarray:

@@ -7,13 +7,13 @@ plain NumPy: the answers agree but for rounding.
 What is compiled is kept in the user's cache, so that only the first process compiles.
 """
 
-import hashlib
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from crar_drake.kept_files import digest_of, mark_used, remove_unused
 from crar_drake.resources import cached
 
 try:
@@ -39,19 +39,25 @@ def arithmetic() -> str:
     return "plain NumPy"
 
 
+SOURCES = sorted(Path(__file__).parent.glob("*.py"))
+
+
 def cache_folder() -> Path:
     """Where the compiled functions are kept: another folder for other sources.
 
-    In the user's cache, or in NUMBA_CACHE_DIR where that is set.
+    In the user's cache, or in NUMBA_CACHE_DIR where that is set. A new folder in the
+    user's cache takes the places of those that nobody used for long.
 
     Numba looks at the file of a function only, but a compiled function contains those
     that it calls, and the constants that it uses.
     """
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
     theirs = numba.config.CACHE_DIR if numba is not None else ""
-    return (Path(theirs) if theirs else cached("compiled")) / digest.hexdigest()[:16]
+    folder = (Path(theirs) if theirs else cached("compiled")) / digest_of(SOURCES)[:16]
+    if folder.is_dir():
+        mark_used(folder)
+    elif not theirs:
+        remove_unused(folder.parent)
+    return folder
 
 
 _CACHE_FOLDER = cache_folder()

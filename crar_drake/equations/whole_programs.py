@@ -16,8 +16,11 @@ The means are Numba's own: a compiler class with another library for the code
 """
 
 import gc
+import os
+import signal
+import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
 
 from llvmlite import binding, ir
@@ -147,6 +150,39 @@ class ProgramCompiler(Compiler):
 
 
 @contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Lets what would end the process wait for the end of the block; a second one ends
+    it at once.
+
+    A KeyboardInterrupt between LLVM's taking a module and Python's letting it go has it
+    freed twice, and one while LLVM hands machine code over is lost, with the code.
+    """
+    waiting, handlers = [], {}
+
+    def wait(number: int, _: object) -> None:
+        if waiting:
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
+        waiting.append(number)
+        with suppress(OSError):  # not print, whose lock may be held
+            os.write(2, b"ends once this is compiled; at once if asked again\n")
+
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            handler = signal.getsignal(number)
+            if callable(handler):
+                handlers[number] = handler
+                signal.signal(number, wait)
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if waiting:
+            signal.raise_signal(waiting[0])
+
+
+@contextmanager
 def _seldom_collecting() -> Iterator[None]:
     """Lets Python look for garbage less often.
 
@@ -169,6 +205,7 @@ class Program(CPUDispatcher):
         """As Numba does, but processes that need the same compile it once: the others
         wait, and find it."""
         with ExitStack() as stack:
+            stack.enter_context(_undisturbed())
             stack.enter_context(global_compiler_lock)
             stack.enter_context(_seldom_collecting())
             try:

@@ -21,6 +21,11 @@ from crar_drake.references.adjusting import (
     trimmed,
 )
 from crar_drake.references.balancing import Balancer
+from crar_drake.references.certificate_files import (
+    certificate_path,
+    check_certificate_place,
+    write_certificate,
+)
 from crar_drake.references.change import (
     ANY_CHANGE,
     AtMost,
@@ -38,13 +43,7 @@ from crar_drake.references.ground_support import (
 from crar_drake.references.joint_torques import JointTorques
 from crar_drake.references.layouts import LAYOUTS, check_written
 from crar_drake.references.mesh_clearance import MeshClearance
-from crar_drake.references.motion_certificate import (
-    CertifiedClip,
-    certificate_path,
-    check_certificate_place,
-    make_certificate,
-    write_certificate,
-)
+from crar_drake.references.motion_certificate import CertifiedClip, make_certificate
 from crar_drake.references.motion_files import read_motions, write_motions
 from crar_drake.references.resampling import retimed
 from crar_drake.references.robot_motion import RobotMotion

@@ -16,7 +16,7 @@ from urllib.parse import quote
 
 from crar_drake.errors import printable
 from crar_drake.files import whole_file
-from crar_drake.references.motion_certificate import certificate_path
+from crar_drake.references.certificate_files import certificate_path
 
 _STYLE = """
 body { font: 14px/1.4 system-ui, sans-serif; margin: 1.5em; color: #222; }

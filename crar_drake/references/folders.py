@@ -22,13 +22,13 @@ from crar_drake.errors import CrarError
 from crar_drake.files import sole_writer, whole_file
 from crar_drake.fresh_processes import given_or_fresh
 from crar_drake.motion.robots_own import is_reference
-from crar_drake.references.folder_page import Figure, PageRow, write_folder_page
-from crar_drake.references.motion_certificate import (
+from crar_drake.references.certificate_files import (
     certificate_path,
     file_hash,
     read_certificate,
     robot_files,
 )
+from crar_drake.references.folder_page import Figure, PageRow, write_folder_page
 from crar_drake.robot.description import load_robot_description
 
 CLEANED_TABLE, RETARGETED_TABLE = "cleaned.csv", "retargeted.csv"

@@ -41,8 +41,8 @@ ROUNDING = 1e-6
 # Where hulls are farther apart than this, the triangles are not asked [m].
 _HULLS_ENOUGH = 1e-3
 
-# Of how pairs that touch as built are found: what another one kept is not read.
-_RULE = 1
+# Modules that find how far apart meshes are.
+FOUND_BY = ("mesh_pairs", "hull_gaps", "near_parts")
 
 # A winding number beyond is that of a point inside.
 _HALF_TURN = 0.5
@@ -297,8 +297,7 @@ class MeshPairs:
         surfaces = [
             x for mesh in self.meshes for x in (mesh.vertices, mesh.faces.astype(int))
         ]
-        rule = np.array([_RULE, ROUNDING, _HULLS_ENOUGH])
-        place = place_of("as_built", [R, p, *surfaces, self.rows, rule])
+        place = place_of("as_built", FOUND_BY, [R, p, *surfaces, self.rows])
         touch = read_kept(place, bool)
         if touch is None or touch.shape != (len(self.rows),):
             touch = self._touch_in(R, p)

@@ -8,10 +8,7 @@ these.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.errors import CrarError
-from crar_drake.files import check_file, whole_file
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.judging.referee import Referee
+from crar_drake.references.certificate_files import FORMAT, KIND, file_hash, robot_files
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_files import read_motions
@@ -35,10 +32,6 @@ from crar_drake.robot.description import (
 )
 from crar_drake.trajectory.margins import Margins
 from crar_drake.version import __version__
-
-KIND = "crar-drake certificate of a reference motion"
-FORMAT = 4
-SUFFIX = ".certificate.json"
 
 # By so much less than what is claimed may be found: rounding [m].
 DISTANCE_TOLERANCE = 1e-6
@@ -61,47 +54,6 @@ class CertifiedClip:
     rate: float
     margins: Margins
     meshes: MeshClearance | None
-
-
-def certificate_path(motion: str | os.PathLike[str]) -> Path:
-    """Where the certificate of a motion's file is: NAME.certificate.json beside it."""
-    path = Path(motion)
-    return path.with_name(path.stem + SUFFIX)
-
-
-def check_certificate_place(motion: Path) -> None:
-    """dance.csv and dance.npz in one folder would have one certificate.
-
-    Args:
-        motion: the file that is to be written.
-
-    Raises:
-        WriteError: the certificate's place is a folder, or cannot be written to.
-        CrarError: there is the certificate of another file, which is there as well.
-    """
-    place = certificate_path(motion)
-    check_file(place)
-    try:
-        other = read_certificate(place)["motion"]["file"]
-    except CrarError:
-        return  # none of a motion: it is replaced
-    if other != motion.name and (motion.parent / other).is_file():
-        raise CrarError(
-            f"{motion}: {place.name} beside it is the certificate of {other}; write "
-            "to another name or folder"
-        )
-
-
-def file_hash(path: str | os.PathLike[str]) -> str:
-    """SHA-256 of a file's bytes, in hexadecimal digits."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-
-
-def robot_files(description: RobotDescription) -> dict[str, str]:
-    """Name to hash of the files that say what the robot is: description and model."""
-    folder = Path(description.folder)
-    files = [folder / "robot.yaml", folder / description.model]
-    return {path.name: file_hash(path) for path in files if path.is_file()}
 
 
 def make_certificate(
@@ -146,55 +98,6 @@ def make_certificate(
         "not_covered": uncovered.as_listed(),
         "clips": [_clip(each, description.pairs) for each in clips],
     }
-
-
-def write_certificate(path: Path, certificate: dict) -> None:
-    """Writes it, whole or not at all.
-
-    Raises:
-        WriteError: the file cannot be written.
-    """
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(certificate, indent=1) + "\n")
-
-
-def read_certificate(path: str | os.PathLike[str]) -> dict:
-    """Reads it.
-
-    Raises:
-        CrarError: it is not there, or not one of this format; the message names it.
-    """
-    try:
-        certificate = json.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise CrarError(
-            f"{path}: there is no certificate; crar-drake clean writes it beside the "
-            "motion"
-        ) from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise CrarError(f"{path}: is no certificate: {error}") from error
-    if not isinstance(certificate, dict) or certificate.get("kind") != KIND:
-        raise CrarError(f"{path}: is no certificate of a reference motion")
-    if certificate.get("format") != FORMAT:
-        raise CrarError(
-            f"{path}: has format {certificate.get('format')!r}, and this version "
-            f"reads {FORMAT}"
-        )
-    for keys, kind, what in (
-        (("motion", "file"), str, "a text"),
-        (("motion", "sha256"), str, "a text"),
-        (("robot", "name"), str, "a text"),
-        (("robot", "files"), dict, "an object"),
-        (("not_covered", "pairs"), list, "a list"),
-        (("mesh_pairs",), list, "a list"),
-        (("clips",), list, "a list"),
-    ):
-        value = certificate
-        for key in keys:
-            value = value.get(key) if isinstance(value, dict) else None
-        if not isinstance(value, kind):
-            raise CrarError(f"{path}: {'.'.join(keys)} is not there, or not {what}")
-    return certificate
 
 
 @dataclass

@@ -13,6 +13,7 @@ from crar_drake.errors import MotionError, nearest
 from crar_drake.motion.rates import SLOWEST, rate_doubt, rate_meant
 from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.references import locomujoco_npz
+from crar_drake.references.certificate_files import told_beside
 from crar_drake.references.csv_layouts import read_csv, write_csv
 from crar_drake.references.layouts import (
     LAYOUTS,
@@ -61,9 +62,11 @@ def read_motion(
 
     Args:
         path: of the file.
-        layout: its name (`layouts.LAYOUTS`); by default what the file looks like.
-        rate: samples per second [Hz]; by default what the file says, else the usual
-            one of its layout, which is reported among the guesses.
+        layout: its name (`layouts.LAYOUTS`); by default what the certificate beside
+            the file says of it, else what it looks like.
+        rate: samples per second [Hz]; by default what the file says, or its
+            certificate, else the usual one of its layout, which is reported among the
+            guesses.
         joint_names: (n,) names of its joints in its order, where the file has none.
         clip: which motion, where the file holds several.
         robot: that it is a motion of. With it the joints are checked, put into the
@@ -98,6 +101,11 @@ def read_motions(
     robot: WholeBody | None = None,
 ) -> tuple[RobotMotion, ...]:
     """Reads all motions of a file, at least one; see `read_motion`."""
+    described = None if robot is None else robot.description
+    told_layout, told_rate, same_robot = told_beside(path, described)
+    layout, rate = layout or told_layout, told_rate if rate is None else rate
+    if same_robot and told_layout and layout == told_layout:
+        joint_names = joint_names or _layouts_order(LAYOUTS[layout], robot)
     motions = _read_file(Path(path), layout, rate, joint_names)
     if rate is None:
         motions = tuple(_with_plausible_rate(motion) for motion in motions)
@@ -230,5 +238,8 @@ def _in_layouts_order(
             )
         return motion
     named = matched(motion, robot) if motion.joint_names == () else motion
-    wanted = robot.breadth_first if to.breadth_first else robot.joint_names
-    return reordered(named, wanted)
+    return reordered(named, _layouts_order(to, robot))
+
+
+def _layouts_order(layout: Layout, robot: WholeBody) -> tuple[str, ...]:
+    return robot.breadth_first if layout.breadth_first else robot.joint_names

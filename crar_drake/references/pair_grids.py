@@ -16,6 +16,7 @@ import numpy as np
 
 from crar_drake.equations.compilation import compiled
 from crar_drake.references.kept_arrays import keep_array, place_of, read_kept
+from crar_drake.references.mesh_pairs import FOUND_BY
 from crar_drake.references.nearest_points import NearestPoints
 from crar_drake.references.pair_tables import PairTable
 
@@ -27,8 +28,6 @@ _FINEST = 3  # so often a cell is divided, at most
 _CLOSE, _SHARE = 1e-4, 0.1
 # Of what is farther apart the hulls are asked alone [m].
 _FAR = 1e-2
-# Of how cells are measured: kept grids of another one are not read.
-_RULE = 1
 _WORTH_KEEPING = 5  # cells more than were kept before
 _MIDDLE, _COLUMNS = np.int64(1) << 20, np.int64(1) << 21  # of numbers of cells
 
@@ -54,8 +53,8 @@ class PairGrid:
         self.table = table
         self._points = NearestPoints(table.meshes, *table.pair)
         self._edges = np.where(table.turns, _TURN, _SLIDE)
-        rule = np.array([*self._edges, _FINEST, _CLOSE, _SHARE, _FAR, _RULE])
-        self._place = place_of("grids", [*table.depends_on, rule])
+        found_by = "pair_grids", "nearest_points", *FOUND_BY
+        self._place = place_of("grids", found_by, table.depends_on)
         cells = read_kept(self._place, _CELL)
         self._set(np.zeros(0, dtype=_CELL) if cells is None else cells)
         self._num_kept = len(self._cells)

@@ -27,7 +27,7 @@ import numpy as np
 
 from crar_drake.equations.compilation import compiled
 from crar_drake.references.kept_arrays import keep_array, place_of, read_kept
-from crar_drake.references.mesh_pairs import MeshPairs, relative_poses
+from crar_drake.references.mesh_pairs import FOUND_BY, MeshPairs, relative_poses
 from crar_drake.references.near_parts import near_approach
 
 # The first box reaches so far from 0 [rad or m]. Nothing is measured in a box in which
@@ -38,8 +38,6 @@ SHARE, ENOUGH = 0.1, 1e-3
 # Nor is a box halved in which it changes by less than this [m], or than this if links
 # meet at its centre.
 _FINEST, _FINEST_WHERE_MET = 1e-4, 1e-3
-# Of how bounds are found: kept tables of another one are not read.
-_RULE = 2
 # Near parts are looked for again where the distance can change by so much less.
 _LESS = 0.25
 _DEPTH = 128  # of boxes in boxes, at most, and more than there can be
@@ -116,7 +114,8 @@ class PairTable:
         self._rho, geometry = self._farthest(joints)
         self.turns = tree.turns[list(joints)].any(axis=1)
         self.depends_on = self._depends_on(geometry)
-        self._place = place_of("meshes", self.depends_on)
+        found_by = "pair_tables", *FOUND_BY
+        self._place = place_of("meshes", found_by, self.depends_on)
         self._boxes, self._seen = self._kept(), None
         self._num_kept = self.num_measured
 
@@ -205,17 +204,7 @@ class PairTable:
         """All that distances and bounds depend on."""
         for link in self._links:
             geometry = [*geometry, link.vertices, link.faces.astype(np.int64)]
-        limits = [
-            _RULE,
-            SHARE,
-            ENOUGH,
-            _FINEST,
-            _FINEST_WHERE_MET,
-            _LESS,
-            _COARSE,
-            self._near,
-        ]
-        return [*geometry, np.array(limits)]
+        return [*geometry, np.array([self._near])]
 
     def _farthest(self, joints: tuple[int, int]) -> tuple[np.ndarray, list[np.ndarray]]:
         """(2,) rho of A and B [m/rad or 1]; and what says how they are carried: with

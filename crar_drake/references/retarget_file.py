@@ -20,12 +20,12 @@ from crar_drake.motion.performer import SIDES
 from crar_drake.motion.quaternion_spline import sign_continuous
 from crar_drake.motion.rates import check_rate
 from crar_drake.motion.report import inspect
+from crar_drake.references.certificate_files import check_certificate_place, file_hash
 from crar_drake.references.clean_file import CleanedClip, MotionCleaner
 from crar_drake.references.cleaning import CleaningParameters
 from crar_drake.references.ground_contact import Outline
 from crar_drake.references.layouts import check_written, layout_named, layouts_of
 from crar_drake.references.mesh_rows import MeshRows
-from crar_drake.references.motion_certificate import check_certificate_place, file_hash
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody

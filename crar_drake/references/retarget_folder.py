@@ -13,6 +13,7 @@ from typing import Any
 from crar_drake.errors import CrarError
 from crar_drake.motion.catalogue import MOTION_SUFFIXES
 from crar_drake.motion.robots_own import holds_reference
+from crar_drake.references.certificate_files import SUFFIX
 from crar_drake.references.clean_file import CleanedClip
 from crar_drake.references.clean_folder import LEFT
 from crar_drake.references.folder_page import Figure
@@ -24,7 +25,6 @@ from crar_drake.references.folders import (
     work_through,
 )
 from crar_drake.references.layouts import check_written, layout_named
-from crar_drake.references.motion_certificate import SUFFIX
 from crar_drake.references.retarget_file import (
     CLEANING,
     MOST_BELOW,

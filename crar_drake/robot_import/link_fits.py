@@ -6,6 +6,7 @@ Fits that an earlier import made are used again: fitting takes most of the time.
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,9 @@ from crar_drake.robot_import.capsule_fitting import Fit, FittedCapsule, fit_link
 from crar_drake.robot_import.meshes import Looks, Part, vertices_of
 from crar_drake.robot_import.source_robot import SourceRobot
 
+# What reading a damaged file of fits raises.
+_DAMAGED = (ValueError, TypeError, AttributeError, LookupError, RecursionError)
+
 _ALIKE = 0.01  # [m] that the boxes about a link and its image may differ by
 
 
@@ -24,14 +28,14 @@ class FitCache:
     """Fits by what they were made from: the shapes, the bounds and the code."""
 
     def __init__(self, path: Path) -> None:
-        """A JSON file; a missing or unreadable one is an empty cache."""
+        """A JSON file; one that is missing or damaged is an empty cache."""
         self._path = path
-        self._used: dict[str, list] = {}
+        self._used: dict[str, list | None] = {}
         self._code = Path(capsule_fitting.__file__).read_bytes()
-        try:
-            self._known = json.loads(path.read_text())
-        except (OSError, ValueError):
-            self._known = {}
+        self._known: dict[str, Fit | None] = {}
+        with suppress(OSError, *_DAMAGED):
+            kept = json.loads(path.read_text(encoding="utf-8"))
+            self._known = {key: _from_json(entry) for key, entry in kept.items()}
 
     def fit(
         self,
@@ -43,10 +47,9 @@ class FitCache:
         """`fit_link`, or what it answered to the same before."""
         key = self._key([*parts, *image], f"{most} {excess} {len(parts)}")
         if key not in self._known:
-            fit = fit_link(parts, most, excess, image)
-            self._known[key] = None if fit is None else _to_json(fit)
-        self._used[key] = self._known[key]
-        return None if self._known[key] is None else _from_json(self._known[key])
+            self._known[key] = fit_link(parts, most, excess, image)
+        self._used[key] = _to_json(self._known[key])
+        return self._known[key]
 
     def save(self) -> None:
         """Keeps what this import used."""
@@ -61,17 +64,22 @@ class FitCache:
         return digest.hexdigest()
 
 
-def _to_json(fit: Fit) -> list:
+def _to_json(fit: Fit | None) -> list | None:
+    if fit is None:
+        return None
     shapes = [[*c.p_L0.tolist(), *c.p_L1.tolist(), c.radius] for c in fit.capsules]
     return [shapes, fit.coverage, fit.volume_ratio, fit.farthest, fit.excess]
 
 
-def _from_json(entry: list) -> Fit:
+def _from_json(entry: list | None) -> Fit | None:
+    if entry is None:
+        return None
     shapes, *figures = entry
-    capsules = tuple(
-        FittedCapsule(np.array(s[:3]), np.array(s[3:6]), s[6]) for s in shapes
-    )
-    return Fit(capsules, *figures)
+    capsules = []
+    for *ends, radius in shapes:
+        p_L0, p_L1 = np.array(ends, dtype=float).reshape(2, 3)
+        capsules.append(FittedCapsule(p_L0, p_L1, float(radius)))
+    return Fit(tuple(capsules), *map(float, figures))
 
 
 class LinkFits:

@@ -63,7 +63,7 @@ def guess_rest_posture(
             robot, anatomy, locked, report.capsules(), choices.frames
         )
         also = " and knees" if knees else ""
-        how = f"arms a little out, elbows{also} bent, standing on the ground"
+        how = f"zero, arms a little out, elbows{also} bent, standing on the ground"
     else:
         rest = guess_rest(robot, None, locked)
         if own:

@@ -236,10 +236,11 @@ class Retargeter:
         stiff = np.full(ROOT + n, (p.change_smoothing * rate) ** 2)
         problem = replace(problem, about=y, smoothness=stiff)
         y, violating, effort = keeper.keep(problem, y, effort, progress)
-        slipping = problem.tasks.let_slipping_go(y)
-        if slipping.any():
-            again, still, effort = keeper.keep(problem, y, effort, also=slipping)
-            if still.sum() <= violating.sum():
+        tasks, slip = problem.tasks, problem.tasks.slip(y)
+        if slip > 0.0:
+            slipping = tasks.let_slipping_go(y)
+            again, still, effort = keeper.keep(problem, y, effort, progress, slipping)
+            if tasks.slip(again) < slip and still.sum() <= violating.sum():
                 y, violating = again, still
         turned = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
         return Retargeted(
@@ -521,8 +522,8 @@ class PersonTasks:
         stands = down[1:] & down[:-1]
         # From the one on the other a foot goes in a step as it is wanted to.
         passes = down[1:].any(axis=2) & down[:-1].any(axis=2) & ~stands.any(axis=2)
-        weights = p.standing * (stands | passes[..., None]).reshape(len(steps), -1)
-        self.steps = steps.reshape(len(steps), -1)
+        weights = p.standing * (stands | passes[..., None]).reshape(len(steps), 4)
+        self.steps = steps.reshape(len(steps), 8)
         self.step_weights = np.repeat(weights, 2, axis=1)
         self._hands = [
             hand for hand in targets.hands if hand in robot.description.task_frames
@@ -535,6 +536,14 @@ class PersonTasks:
             X_BF = frame.GetFixedPoseInBodyFrame()
             self._hand_turns.append(X_BF.rotation().matrix())
 
+    def slip(self, y: np.ndarray) -> float:
+        """By how much more than `MOST_SLIP` feet slip, all their contacts together [m].
+
+        Args:
+            y: (T, m) unknowns.
+        """
+        return sum(slip - MOST_SLIP for *_, slip in self._slipping(y))
+
     def let_slipping_go(self, y: np.ndarray) -> np.ndarray:
         """Lets feet stand elsewhere that slip by more than `MOST_SLIP` in a contact:
         its place is no longer held, and its steps are held more.
@@ -545,23 +554,36 @@ class PersonTasks:
         Returns:
             (T,) the frames of these contacts.
         """
-        f, p = self.at(np.arange(len(y)), y).f, self._robot.parameters
-        lacks = (np.diff(f, axis=0) - self.steps).reshape(-1, 2, 2, 2)
-        stands = self.step_weights.reshape(lacks.shape)[..., 0] > 0.0  # (T - 1, 2, 2)
-        ways = np.where(stands, np.linalg.norm(lacks, axis=3), np.inf).min(axis=2)
+        stands = self._stands()
         # Flat, a foot turns about its ball.
         more = np.where(stands.all(axis=2)[..., None], [1.0, _HELD_MORE], _HELD_MORE)
         slips = np.zeros(len(y), dtype=bool)
-        for foot, way in enumerate(ways.T):
+        for foot, first, last, _ in self._slipping(y):
             columns = slice(4 * foot, 4 * foot + 4)
-            for first, last in runs(np.isfinite(way)):
-                if way[first:last].sum() > MOST_SLIP:
-                    slips[first : last + 1] = True
-                    self._end_weights[first : last + 1, columns] = p.foot
-                    self.step_weights[first:last, columns] *= np.repeat(
-                        more[first:last, foot], 2, axis=1
-                    )
+            slips[first : last + 1] = True
+            self._end_weights[first : last + 1, columns] = self._robot.parameters.foot
+            self.step_weights[first:last, columns] *= np.repeat(
+                more[first:last, foot], 2, axis=1
+            )
         return slips
+
+    def _stands(self) -> np.ndarray:
+        """(T - 1, 2, 2) whether heel and ball of each foot stand in a step."""
+        return self.step_weights.reshape(-1, 2, 2, 2)[..., 0] > 0.0
+
+    def _slipping(self, y: np.ndarray) -> list[tuple[int, int, int, float]]:
+        """Contacts in which a foot slips by more than `MOST_SLIP`: the foot, the first
+        step and the one after the last, and by how much it slips [m]."""
+        f, found = self.at(np.arange(len(y)), y).f, []
+        lacks = (np.diff(f, axis=0) - self.steps).reshape(-1, 2, 2, 2)
+        way = np.linalg.norm(lacks, axis=3)
+        ways = np.where(self._stands(), way, np.inf).min(axis=2)
+        for foot, way in enumerate(ways.T):
+            for first, last in runs(np.isfinite(way)):
+                slip = float(way[first:last].sum())
+                if slip > MOST_SLIP:
+                    found.append((foot, first, last, slip))
+        return found
 
     def at(self, frames: np.ndarray, y: np.ndarray) -> AtFrames:
         """See `optimiser.Tasks`."""

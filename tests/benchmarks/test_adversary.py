@@ -748,6 +748,7 @@ def test_exit_code_without_a_violation(tmp_path, monkeypatch):
         (["--attacks", "sines"], "no attack 'sines'"),
         (["--periods", "0"], "seconds from"),
         (["--steps", "many"], "whole number"),
+        (["--seed", "-1"], "--seed: '-1' is not a whole number from 0 on"),
         (["--plants", "real"], "no plant 'real'"),
     ],
 )

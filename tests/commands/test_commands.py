@@ -563,6 +563,21 @@ def test_mistakes_are_refused(command, expected, empty_folder, capsys):
     assert expected in refused(capsys, *command.split())
 
 
+@pytest.mark.parametrize(
+    "argv, option",
+    [
+        (["judge", ""], "FILE"),
+        (["clean", "", "--robot", "g1"], "PATH"),
+        (["retarget", "", "--robot", "g1"], "MOTION"),
+        (["retarget", "dance", "--robot", "g1", "--out", ""], "--out"),
+    ],
+)
+def test_nothing_is_not_the_working_directory(argv, option, empty_folder, capsys):
+    """A shell makes nothing of a variable that is not set."""
+    said = refused(capsys, *argv)
+    assert option in said and "it is empty" in said
+
+
 def test_run_moves_another_robot(empty_folder, capsys):
     argv = "run --robot upper_body --motion reaching --experiment wrists"
     assert main([*argv.split(), "--duration", "0.05", "--no-recording"]) == 0

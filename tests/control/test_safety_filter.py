@@ -395,6 +395,7 @@ def test_a_start_without_numbers_is_refused(arm):
             ScenarioError,
             "filter.lookahead.tracking_error: 3 of joint",
         ),
+        ({"lookahead": {}}, ScenarioError, "LookaheadParameters, not dict"),
         ({"velocity_limits": {"joint9": 1.0}}, ScenarioError, "joint9"),
         ({"velocity_scale": -1.0}, ScenarioError, "velocity_scale"),
         ({"robot": 7}, ModelError, "not as int"),

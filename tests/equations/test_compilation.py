@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -87,6 +88,55 @@ def test_one_process_compiles_for_all(tmp_path):
     assert first["crossed"] == later["crossed"] == [0.0, 1.0, 0.0]
     # A user's compiled function may call ours, too.
     assert first["twice"] == later["twice"] == [-1.0, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_while_machine_code_is_handed_over(tmp_path, monkeypatch, number):
+    """It is not lost, nor is what it came in the middle of."""
+    from crar_drake.equations.whole_programs import Whole
+
+    def asked(*_):
+        raise KeyboardInterrupt(signal.Signals(number).name)
+
+    def disturbed(self, code):
+        if code is not None:
+            signal.raise_signal(number)
+        vars(self)["code"] = code
+
+    code = property(lambda self: vars(self)["code"], disturbed)
+    before = signal.signal(number, asked)
+    monkeypatch.setattr(compilation, "_CACHE_FOLDER", tmp_path)
+    doubled = compilation.compiled(lambda a: 2.0 * a)
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(Whole, "_compiled_object", code, raising=False)
+            with pytest.raises(KeyboardInterrupt, match=signal.Signals(number).name):
+                doubled(1.0)
+        assert signal.getsignal(number) is asked
+    finally:
+        signal.signal(number, before)
+    assert doubled(1.0) == 2.0
+
+
+_TWICE = """
+import signal
+from crar_drake.equations.whole_programs import _undisturbed
+with _undisturbed():
+    signal.raise_signal(signal.SIGINT)
+    print("waits", flush=True)
+    signal.raise_signal(signal.SIGINT)
+    print("lost", flush=True)
+"""
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
+def test_a_second_ctrl_c_ends_it_at_once():
+    found = subprocess.run(
+        [sys.executable, "-c", _TWICE], capture_output=True, text=True
+    )
+    assert found.returncode == -signal.SIGINT and found.stdout == "waits\n"
+    assert "if asked again" in found.stderr
 
 
 # Writing fails as on a disk that is full, or may not be written.

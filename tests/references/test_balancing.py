@@ -13,6 +13,7 @@ from crar_drake.commands.clean import balance_lines, violations
 from crar_drake.errors import ModelError
 from crar_drake.references import clean_file as clean_file_module
 from crar_drake.references.balancing import Balancer
+from crar_drake.references.certificate_files import read_certificate
 from crar_drake.references.change import find_change
 from crar_drake.references.clean_file import clean_file
 from crar_drake.references.cleaning import Cleaner
@@ -22,7 +23,6 @@ from crar_drake.references.ground_support import (
     given_share,
     worst_outside,
 )
-from crar_drake.references.motion_certificate import read_certificate
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody

@@ -11,6 +11,7 @@ from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
 from crar_drake.errors import CrarError, MotionError, WriteError
+from crar_drake.references.certificate_files import certificate_path, read_certificate
 from crar_drake.references.clean_file import (
     CleanedClip,
     FileCleaner,
@@ -19,11 +20,7 @@ from crar_drake.references.clean_file import (
 )
 from crar_drake.references.clean_folder import clean_folder
 from crar_drake.references.folders import _read_table
-from crar_drake.references.motion_certificate import (
-    certificate_path,
-    check_certificate,
-    read_certificate,
-)
+from crar_drake.references.motion_certificate import check_certificate
 from crar_drake.references.motion_files import read_motions, write_motions
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
@@ -157,7 +154,7 @@ def test_a_true_certificate_of_a_penetration_does_not_hold(cleaned):
     """Made of the reference itself: all it claims is true, and it is violated."""
     folder, reference, out, _ = cleaned
     certificate = json.loads(certificate_path(out).read_text())
-    from crar_drake.references.motion_certificate import file_hash
+    from crar_drake.references.certificate_files import file_hash
 
     certificate["motion"]["sha256"] = file_hash(reference)
     frames = certificate["clips"][0]["frames"]
@@ -179,6 +176,29 @@ def test_what_is_guessed_is_said(cleaned, tmp_path, capsys):
     again = FileOptions(layout="wxyz-csv", rate=30.0)
     (row,) = FileCleaner(str(folder), None, again)(reference, tmp_path / "b.csv")
     assert "quaternion" not in row.guessed and "Hz" not in row.guessed
+
+
+def test_of_what_was_written_here_nothing_is_guessed(cleaned, tmp_path):
+    folder, reference, _, _ = cleaned
+    given, out = FileOptions(layout="xyzw-csv", rate=20.0), tmp_path / "out.csv"
+    FileCleaner(str(folder), None, given)(reference, out)
+    (row,) = clean_file(out, tmp_path / "again.csv", str(folder))
+    assert row.guessed == ""
+    (motion,) = read_motions(out)
+    assert (motion.layout, motion.rate, motion.guesses) == ("xyzw-csv", 20.0, ())
+    (motion,) = read_motions(out, "wxyz-csv", 25.0)
+    assert (motion.layout, motion.rate) == ("wxyz-csv", 25.0)
+    # It says so of this very file, and in words that are known here.
+    place = certificate_path(out)
+    said = read_certificate(place)
+    said["motion"] |= {"layout": "zyxw-csv", "rate": "fast"}
+    place.write_text(json.dumps(said))
+    robot = WholeBody(load_robot_description(folder))
+    assert len(read_motions(out, robot=robot)[0].guesses) == 3
+    said["motion"] |= {"layout": "xyzw-csv", "rate": 20.0}
+    place.write_text(json.dumps(said))
+    out.write_text(out.read_text() + "\n")
+    assert len(read_motions(out)[0].guesses) == 2
 
 
 def test_bad_files_are_refused(cleaned, tmp_path):

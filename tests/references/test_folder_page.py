@@ -7,8 +7,8 @@ from urllib.parse import unquote
 
 import pytest
 
+from crar_drake.references.certificate_files import certificate_path
 from crar_drake.references.folder_page import Figure, PageRow, write_folder_page
-from crar_drake.references.motion_certificate import certificate_path
 from docs.headless_browser import HeadlessBrowser, find_browser
 
 

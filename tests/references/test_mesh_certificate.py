@@ -8,13 +8,10 @@ import trimesh
 from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
+from crar_drake.references.certificate_files import certificate_path, read_certificate
 from crar_drake.references.clean_file import MotionCleaner, clean_file
 from crar_drake.references.cleaning import CleaningParameters
-from crar_drake.references.motion_certificate import (
-    certificate_path,
-    check_certificate,
-    read_certificate,
-)
+from crar_drake.references.motion_certificate import check_certificate
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description

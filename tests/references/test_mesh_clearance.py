@@ -441,8 +441,8 @@ def test_an_arm_that_stretches_on_the_way(tmp_path):
 
 
 def test_what_touches_as_built_is_looked_for_once(tmp_path, monkeypatch):
-    """By meshes and postures: a hand elsewhere is looked at again, and what another
-    rule found as well."""
+    """By meshes and postures: a hand elsewhere is looked at again, and what other
+    sources found as well."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     small, looked = box((-0.01,) * 3, (0.01,) * 3), []
     distances = MeshPairs.distances
@@ -471,5 +471,5 @@ def test_what_touches_as_built_is_looked_for_once(tmp_path, monkeypatch):
         for file, content in zip((first, second), whole, strict=True):
             file.write_bytes(damaged(content))
         assert as_built(0.0) == ([("post", "hand")], 0, True)
-    monkeypatch.setattr("crar_drake.references.mesh_pairs._RULE", -1)
+    monkeypatch.setattr("crar_drake.references.mesh_pairs.FOUND_BY", ("hull_gaps",))
     assert as_built(0.0) == ([("post", "hand")], 0, True)

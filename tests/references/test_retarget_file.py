@@ -14,14 +14,14 @@ from small_walker import leg_points, walker
 from crar_drake.commands import main
 from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.conditioning import low_pass
-from crar_drake.references.clean_file import clean_file
-from crar_drake.references.ground_support import Ground, given_share
-from crar_drake.references.motion_certificate import (
+from crar_drake.references.certificate_files import (
     certificate_path,
-    check_certificate,
     file_hash,
     read_certificate,
 )
+from crar_drake.references.clean_file import clean_file
+from crar_drake.references.ground_support import Ground, given_share
+from crar_drake.references.motion_certificate import check_certificate
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.retarget_file import retarget_file
 from crar_drake.references.whole_body import WholeBody
@@ -164,6 +164,12 @@ def test_nothing_is_below_the_floor_and_what_stands_stays(made, legs):
     assert made[3].lowest == pytest.approx(lowest, abs=1e-6)
     assert -1e-3 < lowest < 5e-3
     assert worst < 2e-3 and made[3].slip < 2e-3
+
+
+def test_of_so_few_frames_that_there_are_no_steps(made, tmp_path):
+    robot, person, _, _ = made
+    clip = retarget_file(person, tmp_path / "one.csv", str(robot), rate=0.1)
+    assert clip.cleaned.frames == 1 and not clip.cleaned.violated
 
 
 def test_how_the_person_was_read_is_said(made, tmp_path, capsys):

@@ -1,6 +1,7 @@
 """Links in each other's way are fitted closer; both sides of a robot alike."""
 
 import itertools
+import json
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from small_urdfs import humanoid_with_legs, joint, link, robot, write
 
 from crar_drake.equations.capsule_distances import capsule_distances
 from crar_drake.robot.description import import_file
-from crar_drake.robot_import import import_robot, load_choices
+from crar_drake.robot_import import import_robot, link_fits, load_choices
 from crar_drake.robot_import.anatomy import link_twins
 from crar_drake.robot_import.capsule_fitting import TOLERANCE
 from crar_drake.robot_import.link_fits import FitCache, LinkFits
@@ -137,6 +138,38 @@ def test_a_link_and_its_image_have_each_others_capsules(tmp_path):
         assert fit.good(0.015)
         d = np.min([c.distance(segments[name][0].vertices) for c in fit.capsules], 0)
         assert d.max() <= TOLERANCE
+
+
+def test_a_damaged_file_of_fits_is_one_without_fits(tmp_path, monkeypatch):
+    """And is written anew, with which nothing is fitted again."""
+    place, fitted = tmp_path / "fits.json", []
+    fit_link = link_fits.fit_link
+    monkeypatch.setattr(
+        link_fits, "fit_link", lambda *given: fitted.append(1) or fit_link(*given)
+    )
+    some = [leaning(False)]
+    first = FitCache(place)
+    expected = first.fit(some, 16, 0.015)
+    first.save()
+    whole = place.read_text()
+    (key,) = json.loads(whole)
+    entries = [], 3, "a", [[[1.0]], 1.0], [[[0.0] * 6 + ["a"]], 1.0, 1.0, 0.0, 0.0]
+    damaged = ["[]", "3", "null", '"a"', "{", whole[:-9], "[" * 100_000]
+    damaged += [json.dumps({key: entry}) for entry in entries]
+    for text in damaged:
+        place.write_text(text)
+        fitted.clear()
+        again = FitCache(place)
+        found = again.fit(some, 16, 0.015)
+        assert fitted == [1]
+        assert len(found.capsules) == len(expected.capsules)
+        again.save()
+        assert place.read_text() == whole
+    found = FitCache(place).fit(some, 16, 0.015)
+    assert fitted == [1]
+    for a, b in zip(found.capsules, expected.capsules, strict=True):
+        assert (a.p_L0 == b.p_L0).all() and (a.p_L1 == b.p_L1).all()
+        assert a.radius == b.radius
 
 
 def test_fingers_have_twins_as_arms_and_legs_have(tmp_path):

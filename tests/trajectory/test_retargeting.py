@@ -313,6 +313,7 @@ def test_a_contact_that_slips_is_let_go(robot, targets):
     at[25:, 2:4] += [0.0, 2.1e-3]
     tasks.at = lambda frames, y: AtFrames(None, None, at[frames], None)
     places, steps = tasks._end_weights.copy(), tasks.step_weights.copy()
+    assert tasks.slip(y) == pytest.approx(1e-4)  # [m]
     slips = tasks.let_slipping_go(y)
     np.testing.assert_array_equal(np.flatnonzero(slips), np.arange(20, 30))
     places[20:30, :4] = robot.parameters.foot
@@ -383,18 +384,45 @@ def test_a_foot_that_has_no_room_where_it_is_wanted_stands_elsewhere(
     assert slip(robot, targets, robot.retarget(None, RATE)) > MOST_SLIP
 
 
-def test_but_not_where_that_violates_more(robot, targets, monkeypatch):
-    targets = standing_beside(robot, targets, 150, 120, 0.01)
+def kept_twice(targets, monkeypatch, second):
+    """What `Keeper.keep` finds at first and again; the latter is changed by `second`,
+    which is given the first."""
     monkeypatch.setattr(retargeting, "performer_targets", lambda *_: targets)
     keep, kept = Keeper.keep, []
 
-    def worse(self, *arguments, **named):
+    def keeps(self, *arguments, **named):
         y, violating, effort = keep(self, *arguments, **named)
-        violating[40] |= bool(kept)
+        if kept:
+            y, violating = second(kept[0], y, violating)
         kept.append(y)
         return y, violating, effort
 
-    monkeypatch.setattr(Keeper, "keep", worse)
-    found = robot.retarget(None, RATE)
+    monkeypatch.setattr(Keeper, "keep", keeps)
+    return kept
+
+
+def test_but_not_where_that_violates_more(robot, targets, monkeypatch):
+    def worse(first, again, violating):
+        violating[40] = True
+        return again, violating
+
+    targets = standing_beside(robot, targets, 150, 120, 0.01)
+    kept = kept_twice(targets, monkeypatch, worse)
+    shown = []
+    found = robot.retarget(None, RATE, shown.append)
     assert len(kept) == 2 and not found.violating.any()
+    np.testing.assert_array_equal(found.q, kept[0][:, ROOT:])
+    assert shown.count(150) == 2  # each comes to the end
+
+
+def test_nor_where_feet_slip_as_much(robot, targets, monkeypatch):
+    def no_better(first, again, violating):
+        again = first.copy()
+        again[:, ROOT + robot.model.joint_names.index("left_fore_arm_j")] += 1e-6
+        return again, violating
+
+    targets = standing_beside(robot, targets, 150, 120, 0.01)
+    kept = kept_twice(targets, monkeypatch, no_better)
+    found = robot.retarget(None, RATE)
+    assert len(kept) == 2
     np.testing.assert_array_equal(found.q, kept[0][:, ROOT:])

@@ -35,7 +35,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     built = subprocess.run(
         [
             *(sys.executable, "-m", "sphinx", "-q", "-W", "-n", "--keep-going"),
-            *("-j", "auto"),
             *("-D", "nb_execution_mode=off", "-D", "toc_object_entries=0"),
             *("-c", DOCS / "site"),
             *("-d", out / "doctrees", ROOT, out / "html"),

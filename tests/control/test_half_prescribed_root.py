@@ -300,7 +300,7 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
     joints, positions = model.controlled[: model.num_joints], model.joint_positions
     within = slice(model.num_joints)
     hows, seen = [], np.inf
-    for start in range(3):
+    for start in range(5):
         rng = np.random.default_rng(start)
         # So fast that the path is just clear, and its end within the limits.
         still = np.zeros(len(order))

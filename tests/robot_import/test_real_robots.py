@@ -77,7 +77,7 @@ def imported(robot_data, tmp_path_factory):
     "robot, most, name, duration",
     [
         pytest.param("g1", 3, "g1_dance", 1.0, marks=pytest.mark.long),
-        ("g1", 3, "g1_dance_hands", 0.4),
+        ("g1", 1, "g1_dance_hands", 0.4),
         pytest.param("talos", 3, "talos_boxing", 1.0, marks=pytest.mark.long),
     ],
 )

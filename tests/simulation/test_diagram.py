@@ -12,7 +12,6 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
-from short_motions import short_amc
 from small_robots import add_plant, chain_urdf, make_model
 
 from crar_drake.control.parameters import CrarParameters
@@ -274,16 +273,6 @@ def test_the_tasks_of_a_posture_are_where_its_frames_are():
     np.testing.assert_allclose(desired[7:10], palm @ [0.0, 0.0, 0.1], atol=1e-12)
 
 
-FRAMES = 240  # of a recording, that is, two seconds
-
-
-@pytest.fixture(scope="module")
-def recording(cmu, tmp_path_factory) -> str:
-    """How a real one begins: what is made of the rest is for other tests."""
-    amc = cmu / "subjects" / "05" / "05_02.amc"
-    return str(short_amc(tmp_path_factory.mktemp("05"), "05_02", FRAMES, str(amc)))
-
-
 def runnable(name: str, request) -> Scenario:
     """The shipped scenario; on a real recording where its motion is not shipped.
 
@@ -297,7 +286,8 @@ def runnable(name: str, request) -> Scenario:
             raise
         pytest.skip(str(error))
     if scenario.motion and scenario.motion not in builtin_names():
-        scenario.motion = request.getfixturevalue("recording")
+        cmu = request.getfixturevalue("cmu")
+        scenario.motion = str(cmu / "subjects" / "05" / "05_02.amc")
     return scenario
 
 

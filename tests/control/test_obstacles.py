@@ -97,7 +97,7 @@ def test_what_is_found_clear_is_so_at_every_place(robot):
     law, world = filter._law.value, among._world
     links, numbers = world.value.links.value, world.value.numbers
     n, found, refused = len(filter.joint_names), 0, 0
-    for _ in range(45):
+    for _ in range(70):
         q = filter.model.rest_positions() + rng.uniform(-0.5, 0.5, n)
         v = rng.normal(0.0, rng.choice([0.02, 0.3, 1.0]), n)
         witness.look(q, v, np.zeros((1, 3)), np.zeros(1))

@@ -1,6 +1,9 @@
 """Fixtures that more than one test module needs."""
 
 import os
+import pickle
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import matplotlib
@@ -20,6 +23,32 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files with slow tests come first, lest one core be left with them at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+class OneThread(ThreadPoolExecutor):
+    """Runs calls one after the other, as if in another process: each is sent."""
+
+    def __init__(self, jobs: int | None = None) -> None:
+        super().__init__(1)
+
+    def submit(self, fn, /, *args, **kwargs):
+        sent = pickle.loads(pickle.dumps((fn, args, kwargs)))
+        return super().submit(lambda: pickle.loads(pickle.dumps(_call(*sent))))
+
+
+def _call(fn, args, kwargs):
+    return fn(*args, **kwargs)
+
+
+@pytest.fixture
+def no_new_processes(monkeypatch):
+    """Calls that have new processes, which take seconds to start, have none; see
+    test_fresh_processes.py for these."""
+    from crar_drake.fresh_processes import FreshProcesses
+
+    for module in list(sys.modules.values()):
+        if vars(module).get("FreshProcesses") is FreshProcesses:
+            monkeypatch.setattr(module, "FreshProcesses", OneThread)
 
 
 @pytest.fixture(scope="session")

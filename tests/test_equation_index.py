@@ -172,11 +172,16 @@ def test_the_functions_docstring_opens_with_the_equation(row):
     assert not missing, f"{row.function}: {first_line!r} lacks {sorted(missing)}"
 
 
+@cache
+def functions_of(path: str) -> set[str]:
+    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+    return {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+
+
 @pytest.mark.parametrize("row", ROWS, ids=label)
 def test_the_test_exists(row):
     path, _, name = row.test.partition("::")
-    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
-    functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    functions = functions_of(path)
     assert name.startswith("test_") and name in functions, row.test
 
 

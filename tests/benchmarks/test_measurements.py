@@ -51,7 +51,7 @@ def test_all_that_is_kept_is_shown_and_listed(name):
     assert f"({name}.md)" in (PAGES / "README.md").read_text(encoding="utf-8")
 
 
-def test_a_run_comes_through_to_its_page(tmp_path, capsys):
+def test_a_run_comes_through_to_its_page(tmp_path, capsys, no_new_processes):
     page = tmp_path / "continuity.md"
     shutil.copy(PAGES / page.name, page)
     results_of(page).parent.mkdir()

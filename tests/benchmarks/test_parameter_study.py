@@ -45,7 +45,7 @@ def test_a_line_reduces_all_clips():
     assert named["largest τ"] == "5 Nm"
 
 
-def test_a_study_of_one_variation(monkeypatch, tmp_path, capsys):
+def test_a_study_of_one_variation(monkeypatch, tmp_path, capsys, no_new_processes):
     default = variations()["defaults"]
     monkeypatch.setattr(
         parameter_study, "variations", lambda preview: {"defaults": default}

@@ -36,7 +36,7 @@ def test_what_is_counted_is_what_was_written(tmp_path, capsys):
     assert sorted(p.name for p in folder.iterdir()) == ["a.csv", "b.csv", "bad.csv"]
 
 
-def test_people_are_retargeted(tmp_path):
+def test_people_are_retargeted(tmp_path, no_new_processes):
     folder = tmp_path / "people"
     short_amc(folder, "one", 7)
     robot = tmp_path / "walker"
@@ -48,7 +48,7 @@ def test_people_are_retargeted(tmp_path):
     assert 0 <= int(row["solving, of all"].rstrip("%")) < 100
 
 
-def test_a_folder_of_which_nothing_can_be_done_is_told(tmp_path):
+def test_a_folder_of_which_nothing_can_be_done_is_told(tmp_path, no_new_processes):
     (tmp_path / "motions").mkdir()
     (tmp_path / "motions" / "bad.csv").write_text("1,2\n")
     robot = write_robot(tmp_path)

@@ -51,7 +51,7 @@ def test_what_is_still_violated_is_told_with_its_file(folders, monkeypatch, caps
 
 
 def test_what_changed_by_more_is_named_and_nothing_is_cleaned_again(
-    folders, tmp_path, capsys
+    folders, tmp_path, capsys, no_new_processes
 ):
     robot, references, _ = map(str, folders)
     out = tmp_path / "out"

@@ -46,7 +46,7 @@ MODES = {
     "lookahead, 20 ms": {"period": 0.02},
     "lookahead, posture": {"lookahead": FEEDBACK, "nominal_posture_gain": 20.0},
 }
-STATES = 35
+STATES = 18
 DENSELY = 2  # of these are sampled, for the admission: a calm one and a fast one
 
 

@@ -108,7 +108,7 @@ def test_a_longer_braking_time_in_mid_motion_has_its_path_asked_anew(run):
     ]
     ticks = np.arange(0, len(log.time), round(gains.period / log.time[1]))
     unclear = 0
-    for k in ticks[:: max(1, len(ticks) // 100)]:
+    for k in ticks[:: max(1, len(ticks) // 40)]:
         q, v = log.q[k], log.v[k]
         clear = []
         for law in laws:

@@ -146,7 +146,9 @@ def test_two_files_of_one_name_are_told(places, tmp_path):
     assert not files[0].error
 
 
-def test_what_is_wrong_with_all_is_told_once(places, tmp_path, capsys):
+def test_what_is_wrong_with_all_is_told_once(
+    places, tmp_path, capsys, no_new_processes
+):
     robot, people = places
     with pytest.raises(MotionError, match="read, but not written"):
         retarget(places, tmp_path / "out", layout="proto-motion")

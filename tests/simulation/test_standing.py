@@ -39,14 +39,15 @@ def scenario(folder, *poses: tuple[float, float], **options) -> Scenario:
     frames = [
         Keyframe(time=0.5 * i, xyz=hand_at(*pose)) for i, pose in enumerate(poses)
     ]
-    result = Scenario(
+    made = Scenario(
         robot=str(folder),
         tasks=[Task(frame="hand")],
         keyframes={"hand": frames},
         standing=Standing(),
         controller=CrarParameters(period=0.005),
     )
-    return replace(result, **options)
+    made.plant_config.time_step = 0.0025
+    return replace(made, **options)
 
 
 REST = (0.6, 0.4)  # shoulder, elbow [rad]

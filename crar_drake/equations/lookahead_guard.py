@@ -44,7 +44,7 @@ from crar_drake.equations.vectors import (
 )
 
 # A step is corrected so often before it is scaled. Each costs a guard; of the steps of
-# the recordings these leave at most 0.02 % to be scaled (docs/measurements/sweep.md).
+# the recordings these leave 0.03 to 0.13 % to be scaled (docs/measurements/sweep.md).
 CORRECTIONS = 4
 # A correction aims so far above the level that a pair must keep [m], since a row is
 # linear and the distance is not; it is a part of the 1 mm between floor and margin.

@@ -160,20 +160,20 @@ def _undisturbed() -> Iterator[None]:
     waiting, handlers = [], {}
 
     def wait(number: int, _: object) -> None:
-        if waiting:
-            signal.signal(number, signal.SIG_DFL)
-            signal.raise_signal(number)
         waiting.append(number)
+        # Python's own handlers come only once LLVM returns.
+        for each in handlers:
+            signal.signal(each, signal.SIG_DFL)
         with suppress(OSError):  # not print, whose lock may be held
             os.write(2, b"ends once this is compiled; at once if asked again\n")
 
-    if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            handler = signal.getsignal(number)
-            if callable(handler):
-                handlers[number] = handler
-                signal.signal(number, wait)
     try:
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                handler = signal.getsignal(number)
+                if callable(handler):
+                    handlers[number] = handler
+                    signal.signal(number, wait)
         yield
     finally:
         for number, handler in handlers.items():

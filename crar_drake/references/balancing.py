@@ -118,6 +118,8 @@ class Balancer:
             carries: (T, H) how much each hand carries the robot, from 0 to 1.
             progress: is called with the number of frames that are done.
         """
+        if motion.num_frames < 3:
+            return motion  # none has a frame before and one after
         for _ in range(_ROUNDS):
             support, was = self._ground.support(motion), motion
             motion = self._balanced(was, support, carries, progress)

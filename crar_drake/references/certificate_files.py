@@ -14,6 +14,7 @@ from pathlib import Path
 
 from crar_drake.errors import CrarError
 from crar_drake.files import check_file, whole_file
+from crar_drake.motion.rates import check_rate
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.robot.description import RobotDescription
 
@@ -122,14 +123,16 @@ def told_beside(
         where nothing says it. And whether it was written for this robot.
     """
     layout = rate = files = None
-    with suppress(CrarError, OSError):
+    with suppress(CrarError, OSError, OverflowError):
         certificate = read_certificate(certificate_path(motion))
         of_file = certificate["motion"]
         if of_file["sha256"] == file_hash(motion):
-            layout, rate = of_file.get("layout"), of_file.get("rate")
-            files = certificate["robot"]["files"]
+            layout, files = of_file.get("layout"), certificate["robot"]["files"]
+            if type(said := of_file.get("rate")) in (int, float):
+                check_rate(said)
+                rate = float(said)
     return (
         layout if isinstance(layout, str) and layout in LAYOUTS else None,
-        rate if isinstance(rate, int | float) else None,
+        rate,
         robot is not None and files == robot_files(robot),
     )

@@ -74,6 +74,9 @@ _NEAR = 3e-3
 # Parts of a way on which two links come nearer by less are not halved [m].
 _FINEST = 1e-4
 
+# Where joints are farther from 0, sums of ways are too large for doubles [rad or m].
+_FARTHEST = 1e5
+
 # Configurations whose frames are placed at a time, and frames that are searched.
 _BLOCK = 4096
 
@@ -102,7 +105,7 @@ class MeshClearance:
     @property
     def not_shown(self) -> np.ndarray:
         """(P, T - 1) ways that were not found to touch, nor shown to be clear."""
-        return (self.on_ways <= 0.0) & ~self.touch_on
+        return ~(self.on_ways > 0.0) & ~self.touch_on
 
     @property
     def num_touching(self) -> int:
@@ -112,7 +115,7 @@ class MeshClearance:
     @property
     def num_unclear(self) -> int:
         """Ways on which a pair touches, or is not shown to be clear."""
-        return int((self.on_ways <= 0.0).any(axis=0).sum())
+        return int((~(self.on_ways > 0.0)).any(axis=0).sum())
 
 
 class ClearanceOfMeshes:
@@ -205,12 +208,12 @@ class ClearanceOfMeshes:
             enough: bounds are sought until they are half the distance, or so much [m].
 
         Raises:
-            MotionError: there is no frame, or a position is no finite number.
+            MotionError: there is no frame, or a position is no number, or beyond 1e5.
         """
         q = np.asarray(joint_positions, dtype=float)
         if not len(q):
             raise MotionError("a motion without frames")
-        bad = np.argwhere(~np.isfinite(q))
+        bad = np.argwhere(~(np.abs(q) <= _FARTHEST))
         if len(bad):
             frame, joint = bad[0]
             name = self.robot.joint_names[joint]

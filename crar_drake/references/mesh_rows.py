@@ -50,7 +50,7 @@ class MeshRows:
         self._moves = {k: moves[:, x.table.columns].T for k, x in self._grids.items()}
         # What is built closer than that is not asked to be farther apart.
         at_zero = [x.find(np.zeros((1, 2)))[0][0] for x in self._grids.values()]
-        asked = np.clip(0.5 * np.array(at_zero), _CLEAR, _ASKED)
+        asked = np.fmin(np.fmax(0.5 * np.array(at_zero), _CLEAR), _ASKED)
         self._asked = dict(zip(self._grids, asked, strict=True))
 
     def touching(self, q: np.ndarray) -> np.ndarray:

@@ -30,6 +30,7 @@ _CLOSE, _SHARE = 1e-4, 0.1
 _FAR = 1e-2
 _WORTH_KEEPING = 5  # cells more than were kept before
 _MIDDLE, _COLUMNS = np.int64(1) << 20, np.int64(1) << 21  # of numbers of cells
+_REACH = 2.0 ** (20 - _FINEST)  # how far from 0 there are cells [edges]
 
 # key: which cell, see `key_of`. d: at its corners, NaN where surfaces meet and no way
 # out is known [m]: of low and high positions of the second joint, at the low one of the
@@ -142,7 +143,7 @@ def interpolated(
     cell, i, j, scale = -1, 0.0, 0.0, 1.0
     for k in range(len(at)):
         x, y = at[k, 0] / edges[0], at[k, 1] / edges[1]
-        if not np.isfinite(x + y):
+        if not (abs(x) < _REACH and abs(y) < _REACH):
             continue
         # Often it is the cell of the place before.
         if cell < 0 or np.floor(x * scale) != i or np.floor(y * scale) != j:

@@ -237,8 +237,9 @@ class PairTable:
         boxes["measured"], boxes["inside"] = False, -1
         halves = np.stack([boxes, boxes], axis=1)
         halves["centre"] += np.stack([-step, step], axis=1)
-        self._boxes["first"][some] = len(self._boxes) + 2 * number
-        self._boxes = np.concatenate([self._boxes, halves.reshape(-1)])
+        boxes = np.concatenate([self._boxes, halves.reshape(-1)])
+        boxes["first"][some] = len(self._boxes) + 2 * number
+        self._boxes = boxes  # at last: an interrupt leaves none without its halves
 
     def _measure(self, box: np.void) -> None:
         """Finds the bounds of a box."""

@@ -176,6 +176,14 @@ def test_a_foot_is_lifted_once_the_other_balances(made):
     np.testing.assert_array_equal(again.joint_positions, found.joint_positions)
 
 
+def test_one_frame_comes_back(made):
+    robot, _, balancer = made
+    motion = standing(robot, "pitch", np.zeros(FRAMES))
+    arrays = ("root_positions", "root_quaternions", "joint_positions")
+    one = replace(motion, **{name: getattr(motion, name)[:1] for name in arrays})
+    assert balancer.balance(one, np.zeros((1, 0))) is one
+
+
 def test_no_spline_is_asked_where_one_foot_takes_over_from_the_other(made):
     """Centres of pressure leap from sole to sole there."""
     robot, ground, balancer = made

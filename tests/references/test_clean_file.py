@@ -195,6 +195,11 @@ def test_of_what_was_written_here_nothing_is_guessed(cleaned, tmp_path):
     place.write_text(json.dumps(said))
     robot = WholeBody(load_robot_description(folder))
     assert len(read_motions(out, robot=robot)[0].guesses) == 3
+    for rate in (True, -20.0, float("nan"), 1e9, 10**400):
+        said["motion"] |= {"layout": "xyzw-csv", "rate": rate}
+        place.write_text(json.dumps(said))
+        (motion,) = read_motions(out, robot=robot)
+        assert len(motion.guesses) == 1 and "Hz" in motion.guesses[0]
     said["motion"] |= {"layout": "xyzw-csv", "rate": 20.0}
     place.write_text(json.dumps(said))
     out.write_text(out.read_text() + "\n")

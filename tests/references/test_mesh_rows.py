@@ -121,6 +121,18 @@ def test_rows_that_are_interpolated_are_about_those_of_nearest_points(tmp_path):
     np.testing.assert_allclose(about.gradient[same], gradient, atol=0.03)
 
 
+def test_what_has_no_way_out_at_zero_has_rows_elsewhere(tmp_path):
+    """A rod that sticks through a post on both sides."""
+    clearance = meshes_of(
+        tmp_path,
+        box((0.2, -0.2, -0.2), (0.8, 0.2, 0.2)),
+        box((0.49, -0.01, -0.5), (0.51, 0.01, 0.5)),
+    )
+    out = rows_of(clearance, np.array([[0.0, 0.0], [0.0, 0.312]]), measured=False)
+    assert out.sample.tolist() == [1]
+    np.testing.assert_allclose(out.d, 2e-3 + ASKED, atol=1e-4)
+
+
 def test_the_gradient_is_that_of_finite_differences(tmp_path):
     """Of wedges at all angles, clear of each other and not."""
     clearance = meshes_of(

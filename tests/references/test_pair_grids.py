@@ -67,6 +67,14 @@ def test_the_next_process_measures_nothing(balls, monkeypatch):
         again.find(np.array([[1.0, 0.3]]))
 
 
-def test_what_is_no_number_has_no_distance(balls):
-    d, _ = grid_of(balls).find(np.array([[np.nan, 0.0], [0.2, np.inf]]))
+def test_what_is_no_number_or_beyond_all_cells_has_no_distance(balls):
+    """Cells beyond would have the numbers of others."""
+    at = [[np.nan, 0.0], [0.2, np.inf], [1e300, 0.0], [0.0, -1.1e3], [1.1e4, 0.0]]
+    grid = grid_of(balls)
+    d, _ = grid.find(np.array(at))
     assert np.isnan(d).all()
+    far = np.array([[0.2, 1e3], [0.2, -1e3], [1e4, 0.0], [-1e4, 0.0]])
+    d, _ = grid.find(far)
+    turn, r = far[:, 0], 1.0 + far[:, 1]
+    apart = np.sqrt(1.0 + r**2 - 2.0 * r * np.cos(turn))
+    np.testing.assert_allclose(d, apart - 0.2, rtol=0.01)

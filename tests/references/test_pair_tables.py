@@ -79,6 +79,24 @@ def test_bounds_do_not_depend_on_what_was_asked_before(coarse):
     np.testing.assert_array_equal(bounds(second, coarse, *one), expected)
 
 
+def test_what_is_interrupted_goes_on_later(coarse, monkeypatch):
+    """Right after boxes were copied, which takes the longest."""
+    one, other = table_of(coarse), table_of(coarse)
+    start, end = random_ways(3)
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    bounds(one, coarse, *random_ways(4))
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(pair_tables.np, "concatenate", interrupted)
+        bounds(one, coarse, start, end)
+    for found in zip(
+        *(bounds(x, coarse, start, end) for x in (one, other)), strict=True
+    ):
+        np.testing.assert_array_equal(*found)
+
+
 def test_beyond_the_first_box_nothing_is_said(coarse):
     start = np.array([[0.5, 0.0], [0.5, 0.0], [40.0, 0.0]])
     end = np.array([[0.5, 0.1], [17.0, 0.0], [41.0, 0.0]])

@@ -237,10 +237,11 @@ class ClearanceOfMeshes:
             R, p: R_WF (T, N, 3, 3) and p_WF (T, N, 3) of all frames [m].
         """
         joints, steps = self.meshes.joints, self._joint_steps(q)
-        slides, every = np.linalg.norm(joints.slides, axis=1), np.ones(steps.shape[1])
+        slides = np.linalg.norm(joints.slides, axis=1)
+        every = np.ones(steps.shape[1], dtype=bool)
         of_links = [
             swept(
-                *(R, p, mesh.frame, mesh.corners, self._outward(mesh, every > 0.0)),
+                *(R, p, mesh.frame, mesh.corners, self._outward(mesh, every)),
                 *(joints.frame_of_velocity, joints.turns, slides, steps),
             )
             for mesh in self.meshes.meshes

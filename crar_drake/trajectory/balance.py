@@ -119,7 +119,7 @@ def demand(
         p, J: (K, P, 3) [m], (K, P, 3, m) places of points and their Jacobians.
         masses: (P,) [kg].
         frames: (R, W) frames in a row; in the middle one the demand is asked.
-        second: (R, W) how much each counts in the second derivative [1/s^2].
+        second: (W,) how much each counts in the second derivative [1/s^2].
         floor: (R,) its height [m].
         gravity: [m/s^2].
     """
@@ -134,14 +134,14 @@ def demand(
             ax, ay, up = 0.0, 0.0, gravity
             for a in range(W):
                 at = frames[r, a]
-                ax += second[r, a] * p[at, i, 0]
-                ay += second[r, a] * p[at, i, 1]
-                up += second[r, a] * p[at, i, 2]
+                ax += second[a] * p[at, i, 0]
+                ay += second[a] * p[at, i, 1]
+                up += second[a] * p[at, i, 2]
             found[r, 0] += share * up
             found[r, 1] += share * (up * x - z * ax)
             found[r, 2] += share * (up * y - z * ay)
             for a in range(W):
-                by, at = share * second[r, a], frames[r, a]
+                by, at = share * second[a], frames[r, a]
                 if by == 0.0:
                     continue
                 for j in range(m):
@@ -372,7 +372,7 @@ class Balance:
             J[first],
             masses.masses,
             rows[five],
-            np.tile(OF_SPLINE * self._rate**2, (len(five), 1)),
+            OF_SPLINE * self._rate**2,
             floor[five],
             masses.gravity,
         )

@@ -576,8 +576,8 @@ class PersonTasks:
         step and the one after the last, and by how much it slips [m]."""
         f, found = self.at(np.arange(len(y)), y).f, []
         lacks = (np.diff(f, axis=0) - self.steps).reshape(-1, 2, 2, 2)
-        way = np.linalg.norm(lacks, axis=3)
-        ways = np.where(self._stands(), way, np.inf).min(axis=2)
+        ways = np.where(self._stands(), np.linalg.norm(lacks, axis=3), np.inf)
+        ways = ways.min(axis=2)
         for foot, way in enumerate(ways.T):
             for first, last in runs(np.isfinite(way)):
                 slip = float(way[first:last].sum())

@@ -117,7 +117,7 @@ def test_it_is_what_inverse_dynamics_says(floater):
             J,
             floater.masses.masses,
             rows,
-            np.tile(rate**2 * OF_THREE[1:-1], (3, 1)),
+            rate**2 * OF_THREE[1:-1],
             np.full(3, FLOOR),
             floater.masses.gravity,
         )
@@ -142,7 +142,7 @@ def test_a_mass_at_constant_acceleration_presses_behind_itself(second):
         np.zeros((5, 1, 3, 1)),
         np.array([3.0]),
         np.arange(5)[None],
-        rate**2 * second[None],
+        rate**2 * second,
         np.array([FLOOR]),
         g,
     )

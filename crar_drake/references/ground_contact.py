@@ -128,14 +128,10 @@ class Outline:
         R_WR = motion.root_rotations.as_matrix()
         p_WB = motion.root_positions[:, None] + np.einsum("tij,tlj->tli", R_WR, p_RB)
         R_WB = np.einsum("tij,tljk->tlik", R_WR, R_RB)
-        low = np.empty((motion.num_frames, len(links)))
-        for i, link in enumerate(links):
-            outline = self._outlines[link]
-            z = p_WB[:, i, 2:] + R_WB[:, i, 2] @ outline.points.T
-            low[:, i] = (z - outline.radii).min(axis=1)
+        low = self._lowest(links, p_WB, R_WB)
         soles = self._soles(links, p_WB, R_WB)
         if floor is None:
-            floor = _lowest_floor(soles)
+            floor = _lowest_floor(self._of_feet(links, low))
         return GroundContact(
             lowest=low.min(axis=1),
             lowest_links=tuple(links[i] for i in low.argmin(axis=1)),
@@ -165,11 +161,46 @@ class Outline:
         Args:
             motion: with its joints in the order of the robot.
         """
+        links, p_WB, R_WB = self._poses_of_feet(motion)
+        return self._soles(links, p_WB, R_WB)
+
+    def heights(self, motion: RobotMotion) -> dict[str, np.ndarray]:
+        """Foot to (T,) the height of its lowest point [m].
+
+        Args:
+            motion: with its joints in the order of the robot.
+        """
+        links, p_WB, R_WB = self._poses_of_feet(motion)
+        return self._of_feet(links, self._lowest(links, p_WB, R_WB))
+
+    def _poses_of_feet(
+        self, motion: RobotMotion
+    ) -> tuple[list[str], np.ndarray, np.ndarray]:
+        """The links of feet, and their poses p_WB (T, L, 3) [m] and R_WB."""
         links = [b for b in self.links if any(b in of for of in self.feet.values())]
         p_RB, R_RB = self._robot.poses_in_root(motion.joint_positions, links)
         R_WR = motion.root_rotations.as_matrix()
         p_WB = motion.root_positions[:, None] + np.einsum("tij,tlj->tli", R_WR, p_RB)
-        return self._soles(links, p_WB, np.einsum("tij,tljk->tlik", R_WR, R_RB))
+        return links, p_WB, np.einsum("tij,tljk->tlik", R_WR, R_RB)
+
+    def _lowest(
+        self, links: Sequence[str], p_WB: np.ndarray, R_WB: np.ndarray
+    ) -> np.ndarray:
+        """(T, L) heights of the lowest points of links whose poses these are [m]."""
+        low = np.empty((len(p_WB), len(links)))
+        for i, link in enumerate(links):
+            outline = self._outlines[link]
+            z = p_WB[:, i, 2:] + R_WB[:, i, 2] @ outline.points.T
+            low[:, i] = (z - outline.radii).min(axis=1)
+        return low
+
+    def _of_feet(self, links: Sequence[str], low: np.ndarray) -> dict[str, np.ndarray]:
+        """`heights`, where those of links are (T, L)."""
+        of_feet = {
+            foot: low[:, [i for i, link in enumerate(links) if link in of]]
+            for foot, of in self.feet.items()
+        }
+        return {foot: z.min(axis=1) for foot, z in of_feet.items() if z.shape[1]}
 
     def _soles(
         self, links: Sequence[str], p_WB: np.ndarray, R_WB: np.ndarray
@@ -188,7 +219,9 @@ class Outline:
         points = [np.empty((len(p_WB), 0, 3))]
         for link, i in rows.items():
             outline = self._outlines[link]
-            p = p_WB[:, i, None] + outline.points @ R_WB[:, i].swapaxes(1, 2)
+            # Transposed in place, NumPy would multiply it many times slower.
+            R_BW = np.ascontiguousarray(R_WB[:, i].swapaxes(1, 2))
+            p = p_WB[:, i, None] + outline.points @ R_BW
             p[..., 2] -= outline.radii
             points.append(p)
         return np.concatenate(points, axis=1)
@@ -212,9 +245,12 @@ class CarryingHands:
             hands: task frames.
         """
         shares = np.zeros((motion.num_frames, len(hands)))
-        if not self._hands.feet:
+        of_hands = self._hands.heights(motion)
+        floor = _lowest_floor(self._feet.heights(motion))
+        # What is never low is never planted, and not looked at.
+        low = [z.min() <= floor + THRESHOLDS.height_off for z in of_hands.values()]
+        if not any(low):
             return shares
-        floor = _lowest_floor(self._feet.soles(motion))
         before = round(_BEFORE_CARRYING * motion.rate)
         weights = np.full(2 * before + 1, 1.0 / (2 * before + 1))
         for hand, p_WS in self._hands.soles(motion).items():
@@ -225,11 +261,12 @@ class CarryingHands:
         return shares
 
 
-def _lowest_floor(soles: dict[str, np.ndarray]) -> float:
-    if not soles:
+def _lowest_floor(heights: dict[str, np.ndarray]) -> float:
+    """Where feet, whose heights are (T,) each, are lowest [m]."""
+    if not heights:
         return 0.0
-    heights = np.min([p[..., 2].min(axis=1) for p in soles.values()], axis=0)
-    return float(np.quantile(heights, _FLOOR_SHARE))
+    lowest = np.min(list(heights.values()), axis=0)
+    return float(np.quantile(lowest, _FLOOR_SHARE))
 
 
 @compiled(loops=True)

@@ -146,7 +146,9 @@ class _Lines:
         # Unlike `splitlines`, as editors count them.
         for line in io.StringIO(read_motion_text(self.path)):
             self.number += 1
-            words = line.partition("#")[0].split()
+            if "#" in line:
+                line = line[: line.index("#")]
+            words = line.split()
             if words:
                 yield words
 
@@ -155,15 +157,13 @@ class _Lines:
 
     def numbers(self, words: list[str]) -> list[float]:
         """Returns the words as finite numbers."""
-        values = []
-        for word in words:
-            try:
-                value = float(word)
-            except ValueError:
-                self.fail(f"expected a number, found {shown(word)}")
-            if not math.isfinite(value):
-                self.fail(f"{word} is not a finite number; repair the file")
-            values.append(value)
+        try:
+            values = [float(word := each) for each in words]
+        except ValueError:
+            self.fail(f"expected a number, found {shown(word)}")
+        if not all(map(math.isfinite, values)):
+            word = next(x for x in words if not math.isfinite(float(x)))
+            self.fail(f"{word} is not a finite number; repair the file")
         return values
 
 
@@ -439,15 +439,15 @@ def read_amc(
     counts["root"] = 6
     needed = [bone for bone, count in counts.items() if count > 0]
     columns: dict[str, list[list[float]]] = {bone: [] for bone in needed}
-    frames = 0
+    frames = read = 0  # and so many of the bones in the last of them
     angle_unit = "degrees"
     stated_rate: float | None = None
 
     lines = _Lines(path)
 
     def check_complete() -> None:
-        missing = [bone for bone in needed if len(columns[bone]) < frames]
-        if missing:
+        if frames and read < len(needed):
+            missing = [bone for bone in needed if len(columns[bone]) < frames]
             more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
             lines.fail(
                 f"frame {frames} ends without {', '.join(missing[:4])}{more}; "
@@ -467,6 +467,7 @@ def read_amc(
             if len(column) == frames:
                 lines.fail(f"{bone} appears twice in frame {frames}")
             column.append(lines.numbers(words[1:]))
+            read += 1
         elif len(words) == 1 and bone.isascii() and bone.isdigit():
             check_complete()
             if int(bone) != frames + 1:
@@ -474,7 +475,7 @@ def read_amc(
                     f"frame {bone} where frame {frames + 1} was expected; "
                     f"frames are numbered from 1 without gaps"
                 )
-            frames += 1
+            frames, read = frames + 1, 0
         elif bone.startswith(":") and frames == 0:
             keyword = bone.upper()
             if keyword in (":DEGREES", ":RADIANS"):

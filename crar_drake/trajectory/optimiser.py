@@ -63,7 +63,7 @@ _WIDE_GROWTH = 0.5
 
 _STEPS = 40  # Gauss-Newton steps of a minimisation, at most
 _HALVINGS = 8
-_ACTIVE_SETS = 6  # in one of them, at most
+_ACTIVE_SETS = 3  # in one of them, at most
 # Frames on either side of those whose rows change, for which a step is found anew.
 _BESIDE = 10
 _LOCAL = 5  # frames on either side whose costs say whether a step was of use
@@ -87,6 +87,9 @@ _LOOK, _NEAREST_LOOK, _FARTHEST_LOOK = 0.3, 0.01, 0.03
 # Levenberg's damping, of each frame: first, least, most; by how much it rises where a
 # step was of no use, and falls elsewhere.
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _RISE, _FALL = 1e-2, 1e-5, 1e4, 8.0, 3.0
+# Where rows push, it grows by itself times their force times this [m]: such rows bend,
+# which no linearisation has.
+_BEND = 30.0
 
 
 class AtFrames(NamedTuple):
@@ -492,12 +495,17 @@ class Part:
         self, at: _Linearised, live: _Live, penalty: float, damping: np.ndarray
     ) -> np.ndarray | None:
         """(L, m) to the minimum of the linearised merit, with its own active set."""
-        base = self._normal(at, live, damping)
         rows, rho = at.rows, _PENALTY_OF_JOINTS
         left, right = live.left[rows.sample], live.right[rows.sample]
         t = self.samples.share[live.samples[rows.sample]]
         lam = self._of_rows[live.samples[rows.sample], rows.row]
         shift = lam / penalty - at.rows.d
+        pushes = penalty * np.maximum(0.0, shift)
+        ends = np.concatenate([left, right]) + 1  # 0: of a frame that is held
+        pushes = np.concatenate([(1.0 - t) * pushes, t * pushes])
+        pushed = np.bincount(ends, pushes, minlength=len(damping) + 1)[1:]
+        damping = damping * (1.0 + _BEND * pushed)
+        base = self._normal(at, live, damping)
         limits, speeds = self._limits(at.y, live)
         limits = self._of_limits[:, live.frames] / rho - limits
         speeds = self._of_speeds[:, live.steps] / rho - speeds
@@ -584,7 +592,7 @@ class Part:
             way[some] = found
             going, pulled = moved(way), times(bands, way)
             straight = float(np.vdot(way, slope)), float(np.vdot(way, pulled))
-            share = _least_along(straight, lacks, going, weights)
+            share = _share_of_way(straight, lacks, going, weights)
             step = step + share * way
             slope = slope + share * pulled
             lacks = tuple(c - share * x for c, x in zip(lacks, going, strict=True))
@@ -683,14 +691,20 @@ class Part:
         return lacking, float(lacks)
 
 
-def _least_along(straight, lacks, going, weights) -> float:
-    """Where on a way, from 0 to 1, a + b u + sum_i rho_i / 2 max(0, c_i - g_i u)^2 is
-    the least.
+def _share_of_way(straight, lacks, going, weights) -> float:
+    """How far on a way, from 0 to 1, a u + b u^2 / 2 + sum_i rho_i / 2 max(0, c_i - g_i
+    u)^2 is asked for: all of it if that is less at its end, else where it is the least.
 
     Args:
         straight: a, b: slope and curvature of what has no kinks.
         lacks, going, weights: c, g and rho of several kinds of rows.
     """
+
+    def squares(u: float) -> float:
+        return sum(
+            rho * np.sum(np.maximum(0.0, c - u * g) ** 2)
+            for c, g, rho in zip(lacks, going, weights, strict=True)
+        )
 
     def slope(u: float) -> float:
         found = straight[0] + u * straight[1]
@@ -698,9 +712,10 @@ def _least_along(straight, lacks, going, weights) -> float:
             found -= rho * np.vdot(g, np.maximum(0.0, c - u * g))
         return found
 
+    # A way to the least of few rows, however far from the others, is soon mended.
+    if 2.0 * straight[0] + straight[1] + squares(1.0) < squares(0.0):
+        return 1.0
     low, high = 0.0, 1.0
-    if slope(high) <= 0.0:
-        return high
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if slope(middle) > 0.0 else (middle, high)

@@ -359,8 +359,10 @@ class Keeper:
         q, before, kept = self._joints(y), y.copy(), state.margins
         touching = self._meshes.touching(q)
         at_first, where = touching.any(axis=0), np.zeros_like(touching)
+        violated = self._violating(kept)
         for number in range(_ROUNDS):
-            some = touching.any(axis=0)
+            # Frames that meshes were parted in, or beside, may violate something then.
+            some = touching.any(axis=0) | (self._violating(state.margins) & ~violated)
             if not some.any():
                 break
             for run in _runs(spread(some, round(_AROUND_AGAIN * self.rate))):

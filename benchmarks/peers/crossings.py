@@ -16,6 +16,7 @@ the upper body, 0 to 23 of the G1), and on recordings of people; the latest as
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -56,6 +57,8 @@ CALM = {
 FARTHER = {"lookahead": {"distance_margin": 0.006}}
 # The default, whose null space is pulled to the nominal posture a quarter as hard.
 LOOSER = {"GvN": 40.0, "nominal_posture_gain": 10.0}
+# Targets begin to move at 0.5 s and go on until 6 s: errors are told for each [s].
+PARTS = ((0.5, 2.0), (2.0, 4.0), (4.0, 6.0))
 HEADER = (
     "controller",
     "held",
@@ -94,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     cases = write_crossings(folder, range(first, first + arguments.seeds))
     data = json.loads((folder / "problem.json").read_text())
     judge = Judge(data["robot"], data["joints"], data["tasks"])
-    figures = {}
+    figures, in_parts = {}, {}
     each = dict.fromkeys(cases, PERIOD)
     compared = [
         *entries(cases),
@@ -109,9 +112,43 @@ def main(argv: Sequence[str] | None = None) -> None:
     compared = only(compared, arguments, benchmark)
     for entry, found in recorded(compared, each, arguments, folder):
         figures[entry.name] = [judge.figures(found[case]) for case in cases]
+        in_parts[entry.name] = [
+            [
+                replace(whole, error=error_within(judge, found[case], *part))
+                for case, whole in zip(cases, figures[entry.name], strict=True)
+            ]
+            for part in PARTS
+        ]
     best = best_errors(figures)
     rows = [row(name, each, best) for name, each in figures.items()]
-    benchmark.report([Table(HEADER, rows)])
+    benchmark.report([Table(HEADER, rows), by_time(in_parts)])
+
+
+def error_within(
+    judge: Judge, result: dict[str, np.ndarray], start: float, end: float
+) -> float:
+    """The rms error of what a driver recorded, from one time to another [m]."""
+    within = (result["time"] >= start) & (result["time"] < end)
+    return float(np.sqrt(np.mean(judge.errors(result)[within] ** 2)))
+
+
+def by_time(errors: dict[str, list[list[Figures]]]) -> Table:
+    """Of each of `PARTS` the errors of all controllers over `best_errors` there."""
+    best = [
+        best_errors({name: parts[i] for name, parts in errors.items()})
+        for i in range(len(PARTS))
+    ]
+    return Table(
+        ("controller", *(f"{start:g} to {end:g} s" for start, end in PARTS)),
+        [[name, *map(of_the_best, parts, best)] for name, parts in errors.items()],
+        "Of the best that holds, by time",
+    )
+
+
+def of_the_best(each: Sequence[Figures], best: Sequence[float]) -> str:
+    """The median over the motions of the errors' ratios to `best_errors`."""
+    ratios = [f.error / least for f, least in zip(each, best, strict=True)]
+    return f"{np.nanmedian(ratios):.2f}"
 
 
 def entries(cases: Sequence[str]) -> list[Entry]:
@@ -141,13 +178,12 @@ def best_errors(figures: dict[str, list[Figures]]) -> list[float]:
 
 def row(name: str, each: Sequence[Figures], best: Sequence[float]) -> list[str]:
     """Medians over the motions, and of the errors' ratios to `best_errors`."""
-    ratios = [f.error / least for f, least in zip(each, best, strict=True)]
     return [
         name,
         f"{sum(f.holds for f in each)} of {len(each)}",
         f"{1e3 * min(f.smallest_distance for f in each):.1f} mm",
         f"{1e3 * np.median([f.error for f in each]):.1f} mm",
-        f"{np.nanmedian(ratios):.2f}",
+        of_the_best(each, best),
         f"{np.median([f.rms_acceleration for f in each]):.1f} rad/s²",
     ]
 

@@ -85,13 +85,17 @@ class Judge:
                 points[k, i] = X_WT.translation()
         return points
 
+    def errors(self, result: dict[str, np.ndarray]) -> np.ndarray:
+        """(T, tasks) from each task point to its target [m], of what a driver
+        recorded."""
+        return np.linalg.norm(self.points(result["q"]) - result["p"], axis=2)
+
     def figures(self, result: dict[str, np.ndarray]) -> Figures:
         """Judges what a driver recorded, see `driver.run`."""
         time, q, v, p_d = (result[key] for key in ("time", "q", "v", "p"))
         period = time[1] - time[0]
         whole = self.whole(q)
         found = self._referee.violations(whole)
-        error = self.points(q) - p_d
         acceleration = np.diff(v, axis=0) / period
         speed = np.linalg.norm(np.diff(p_d, axis=0), axis=2).max(axis=1) / period
         still = np.abs(v[1:]).max(axis=1) < FROZEN_SPEED
@@ -111,7 +115,7 @@ class Judge:
             limit_excess=found.largest_limit_excess if num_beyond.any() else 0.0,
             failed=int(no_answer.sum()),
             frozen=int((still & (speed > MOVING_SPEED) & ~no_answer).sum()),
-            error=float(np.sqrt(np.mean(np.sum(error**2, axis=2)))),
+            error=float(np.sqrt(np.mean(self.errors(result) ** 2))),
             rms_acceleration=float(np.sqrt(np.mean(acceleration**2))),
             peak_acceleration=float(np.abs(acceleration).max()),
             clear_at=clear_at,

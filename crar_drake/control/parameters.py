@@ -108,7 +108,8 @@ class CrarParameters:
         Kp: acceleration-level position gain, Eq. (14) [1/s^2].
         Kv: acceleration-level velocity gain [1/s]; by default 2 sqrt(Kp).
         Gv: joint velocity gain, Eq. (30) [1/s].
-        GvN: null-space gain, Eq. (33) [1/s]; by default Gv, and with a preview 20.
+        GvN: null-space gain, Eq. (33) [1/s]; by default Gv, and with a preview 20, or
+            10 where there are as many task rows as joints or more.
         Gv_near: adaptive gains, for constraints "paper": Gv then holds away from
             the constraints and this near them, joint by joint [1/s], see
             `equations.resolved_acceleration.adaptive_gain`; GvN goes along unless it is
@@ -127,8 +128,9 @@ class CrarParameters:
             joints leave a choice, elbows stay bent and joints off their limits. The
             posture is the input port "nominal_posture", or where nothing is connected
             the robot's rest posture; 0 leaves the port out. By default 30 with
-            constraints "lookahead", 40 with a preview, and 0 with the others, which
-            are the paper to the letter.
+            constraints "lookahead", 40 with a preview, or 5 where there are as many
+            task rows as joints or more, and 0 with the others, which are the paper to
+            the letter.
         respect_effort_limits: whether the commanded torque stays within the effort
             limits of the controlled joints, see `equations.torque_limit`; by default
             with constraints "lookahead" alone, for the others are the paper to the
@@ -290,21 +292,32 @@ class CrarParameters:
         """Kv of Eq. (14) [1/s]."""
         return 2.0 * math.sqrt(self.Kp) if self.Kv is None else self.Kv
 
+    def null_space_gains(self, crowded: bool = False) -> tuple[float, float]:
+        """GvN of Eq. (33) [1/s], and the stiffness towards the nominal posture [1/s^2],
+        0 for none.
+
+        Args:
+            crowded: as of `lookahead_parameters.usual`.
+        """
+        plans = self.planned_time > 0.0
+        damping, stiffness = self.GvN, self.nominal_posture_gain
+        if damping is None:
+            damping = usual("GvN", plans, crowded) or self.Gv
+        if stiffness is None:
+            stiffness = 0.0
+            if self.constraints == "lookahead":
+                stiffness = usual("nominal_posture_gain", plans, crowded)
+        return damping, stiffness
+
     @property
     def null_space_gain(self) -> float:
-        """GvN of Eq. (33) [1/s]."""
-        if self.GvN is not None:
-            return self.GvN
-        return usual("GvN", self.planned_time > 0.0) or self.Gv
+        """GvN of Eq. (33), where tasks leave a choice [1/s]."""
+        return self.null_space_gains()[0]
 
     @property
     def posture_gain(self) -> float:
-        """Stiffness towards the nominal posture [1/s^2]; 0 for none."""
-        if self.nominal_posture_gain is not None:
-            return self.nominal_posture_gain
-        if self.constraints != "lookahead":
-            return 0.0
-        return usual("nominal_posture_gain", self.planned_time > 0.0)
+        """Stiffness towards the nominal posture, there [1/s^2]; 0 for none."""
+        return self.null_space_gains()[1]
 
     @property
     def limits_efforts(self) -> bool:

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from exact_loop import follow
 
-from crar_drake import ControlModel, load_robot_description, position_tasks
+from crar_drake import (
+    EXPERIMENTS,
+    ControlModel,
+    load_robot_description,
+    position_tasks,
+)
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.modes import validate
@@ -208,9 +213,12 @@ def test_a_preview_brings_its_own_defaults():
     assert PREVIEW.braking_horizon == 0.012
     assert replace(PREVIEW, period=0.02).braking_horizon == pytest.approx(0.032)
     assert (PREVIEW.posture_gain, PREVIEW.null_space_gain) == (40.0, 20.0)
+    assert PREVIEW.null_space_gains(crowded=True) == (10.0, 5.0)
+    assert replace(PREVIEW, GvN=7.0).null_space_gains(crowded=True) == (7.0, 5.0)
     assert AHEAD.filled(5e-3, plans=True).nominal_speed_limit == 9.0
     assert WITHOUT.braking_horizon == pytest.approx(2.5 / 30.0)
     assert (WITHOUT.posture_gain, WITHOUT.null_space_gain) == (30.0, 30.0)
+    assert WITHOUT.null_space_gains(crowded=True) == (30.0, 30.0)
     assert AHEAD.filled(5e-3, plans=False).nominal_speed_limit == 16.0
     given = replace(AHEAD, horizon=0.05, nominal_speed_limit=7.0)
     given = replace(PREVIEW, lookahead=given, nominal_posture_gain=11.0)
@@ -221,6 +229,7 @@ def test_a_preview_brings_its_own_defaults():
     # It belongs to the lookahead: nothing of it concerns the paper's constraints.
     paper = replace(PREVIEW, constraints="paper")
     assert paper.posture_gain == 0.0
+    assert paper.null_space_gains(crowded=True) == (30.0, 0.0)
     assert paper.braking_horizon == pytest.approx(2.5 / 30.0)
 
 
@@ -331,3 +340,28 @@ def test_bounds_of_a_preview_fit_the_period():
     assert rates(given, 1e-3, plans=True) == (30.0, 10.0)
     assert rates(AHEAD, 1e-3, plans=False) == (0.0, 0.0)
     assert rates(given, 1e-3, plans=False) == (30.0, 30.0)
+
+
+def test_crowded_tasks_are_not_pulled_aside_by_the_posture():
+    """Seven points that can be reached exactly, by a robot that bends far from its
+    rest posture: what the null space is pulled by would be their error."""
+    model = upper_body(position_tasks(EXPERIMENTS["upper-body"]))
+    assert model.m >= model.n
+    rest = model.rest_positions()
+    bent = rest.copy()
+    for joint, angle in {"left_elbow": -0.8, "left_shoulder_roll": 0.3}.items():
+        bent[model.position_names.index(joint)] += angle
+    time = np.arange(0.0, 3.0, PERIOD)
+    x = np.clip(time / 1.0, 0.0, 1.0)
+    w = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+    targets = np.array([model.tasks_at(rest + share * (bent - rest)) for share in w])
+    errors = {}
+    for name, changes in {
+        "default": {},
+        "as where tasks leave a choice": {"GvN": 20.0, "nominal_posture_gain": 40.0},
+    }.items():
+        states, _ = follow(model, replace(PREVIEW, **changes), targets)
+        q = states[-1][: len(rest)]
+        e = model.tasks_at(q) - targets[-1]
+        errors[name] = np.abs(e[: 3 * len(EXPERIMENTS["upper-body"])]).max()
+    assert errors["default"] < 0.3 * errors["as where tasks leave a choice"]

@@ -146,8 +146,7 @@ class LookaheadMode(Mode):
         preview = make_preview(
             planned_time,
             ahead.smoothness,
-            parameters.null_space_gain,
-            parameters.posture_gain,
+            *parameters.null_space_gains(crowded),
             parameters.period,
             ahead.farthest_pull,
             ahead.null_space_damping,

@@ -16,6 +16,7 @@ from crar_drake.references.mesh_clearance import ClearanceOfMeshes
 from crar_drake.references.mesh_rows import MeshRows
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
+from crar_drake.trajectory.keeping import Keeper
 from crar_drake.trajectory.optimiser import Samples
 
 RATE = 30.0
@@ -212,6 +213,27 @@ def test_what_is_clear_comes_back_to_the_last_bit(beside_a_wedge):
     found = cleaner_of(beside_a_wedge).clean(q)
     np.testing.assert_array_equal(found.q, q)
     assert found.effort.linearised == 0
+
+
+def test_what_parting_leaves_violated_is_solved_again(beside_a_wedge, monkeypatch):
+    """As if the first round had led a joint beyond its limit where nothing touches."""
+    solve, rounds = Keeper._solve, []
+
+    def beyond_at_first(self, problem, y, state, violating, tries, *others):
+        solve(self, problem, y, state, violating, tries, *others)
+        if len(tries) == 2:
+            rounds.append(np.flatnonzero(violating))
+            if len(rounds) == 1:
+                y[45, -1] = self.model.upper[-1] + 0.01
+                state.margins = self.margins(y[:, -2:])
+
+    monkeypatch.setattr(Keeper, "_solve", beyond_at_first)
+    cleaner, q = cleaner_of(beside_a_wedge), swing(90, 0.53)
+    found = cleaner.clean(q).q
+    assert len(rounds) == 2 and 45 in rounds[1]
+    assert (np.abs(found - q) > 0.0).any()
+    assert beside_a_wedge.find(found).num_unclear == 0
+    assert (found[:, 1] <= cleaner.model.upper[1]).all()
 
 
 def test_parted_twice_is_parted_once(beside_a_wedge):

@@ -50,6 +50,20 @@ def test_what_is_read_was_used(cache):
     assert place.stat().st_mtime > 0.0
 
 
+def test_what_is_damaged_anywhere_is_not_read(cache):
+    """A bit of a distance that flips would be in certificates."""
+    place = place_of("some", (), [])
+    keep_array(place, np.arange(40.0))
+    data = place.read_bytes()
+    for at in range(len(data)):
+        place.write_bytes(data[:at] + bytes([data[at] ^ 4]) + data[at + 1 :])
+        assert read_kept(place, float) is None, at
+        place.write_bytes(data[:at])
+        assert read_kept(place, float) is None, at
+    place.write_bytes(data)
+    np.testing.assert_array_equal(read_kept(place, float), np.arange(40.0))
+
+
 def test_another_process_may_remove_it_first(cache, monkeypatch):
     cache.mkdir()
     (cache / "old").mkdir()

@@ -142,7 +142,8 @@ def _what_next(folder: Path) -> str:
     from crar_drake.robot.description import load_robot_description
     from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY
 
-    frames = load_robot_description(folder).task_frames
+    description = load_robot_description(folder)
+    frames = description.task_frames
     if not {*EXPERIMENTS["upper-body"], "waist"} <= set(frames):
         points = ", ".join(frames) or "frames of its own"
         return (
@@ -152,7 +153,8 @@ def _what_next(folder: Path) -> str:
     own = folder.parent == imported_robots_folder()
     robot = folder.name if own else folder
     legs = {"left_foot", "right_foot", "left_knee", "right_knee"} <= set(frames)
-    experiment = WHOLE_BODY if legs else "upper-body"
+    floats = description.root != "fixed"
+    experiment = WHOLE_BODY if legs and floats else "upper-body"
     return f"crar-drake run --robot {robot} --motion dance --experiment {experiment}"
 
 

@@ -177,7 +177,8 @@ def clean_file(
 
     Raises:
         MotionError: the file cannot be read, is of another robot or of a layout that is
-            not written, or ends before the frames that are kept.
+            not written, ends before the frames that are kept, or a joint is beyond its
+            limits by more than a turn.
         ModelError: the robot is not there, not one that can be cleaned for, or lacks
             what an option asks for.
         WriteError: the file or its certificate cannot be written.
@@ -268,8 +269,11 @@ class FileCleaner:
             reference, options.layout, options.rate, robot=self._robot
         )
         check_written(reference, motions[0].layout)
+        motions = [trimmed(motion, options.frames) for motion in motions]
+        for motion in motions:
+            _check_units(motion, self._robot)
         return self._cleaner.clean(
-            [trimmed(motion, options.frames) for motion in motions],
+            motions,
             out,
             reference=reference,
             layout=motions[0].layout,
@@ -277,6 +281,20 @@ class FileCleaner:
             ground=self._outline,
             at_most=options.at_most,
             progress=progress,
+        )
+
+
+def _check_units(motion: RobotMotion, robot: WholeBody) -> None:
+    """Raises MotionError where a joint, in the robot's order, is beyond a limit by more
+    than a turn, or as many metres: no motion at limits would be what was meant."""
+    q = motion.joint_positions
+    beyond = np.maximum(robot.lower - q, q - robot.upper)
+    frame, joint = np.unravel_index(beyond.argmax(), beyond.shape)
+    if beyond[frame, joint] > 2.0 * np.pi:
+        raise MotionError(
+            f"{motion.source}: {robot.joint_names[joint]} is at {q[frame, joint]:.1f} "
+            f"in frame {frame + 1}, and its limits are {robot.lower[joint]:.2f} and "
+            f"{robot.upper[joint]:.2f} [rad, m]: is the file in degrees or millimetres?"
         )
 
 

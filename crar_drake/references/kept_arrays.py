@@ -1,6 +1,11 @@
-"""Arrays that one process finds and the next one need not: in the user's cache."""
+"""Arrays that one process finds and the next one need not: in the user's cache.
+
+Certificates are made by them. A file ends with the check sum of what is before it.
+"""
 
 import hashlib
+import io
+import zlib
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from functools import cache
@@ -13,6 +18,8 @@ from crar_drake.errors import WriteError
 from crar_drake.files import whole_file
 from crar_drake.kept_files import digest_of, mark_used, remove_unused
 from crar_drake.resources import cached
+
+_SUM = slice(-4, None)
 
 
 def place_of(
@@ -42,16 +49,24 @@ def _sources(modules: tuple[str, ...]) -> str:
 def read_kept(place: Path, dtype: np.dtype | type) -> np.ndarray | None:
     """The array of that type that is kept there; None if there is none."""
     with suppress(Exception):  # damage to a file shows in many ways
-        array = np.load(place, allow_pickle=False)
-        if array.dtype == dtype:
+        data = place.read_bytes()
+        array = np.load(io.BytesIO(data), allow_pickle=False)
+        if array.dtype == dtype and data[_SUM] == _sum_of(data[: _SUM.start]):
             mark_used(place)
             return array
     return None
 
 
+def _sum_of(data: bytes) -> bytes:
+    return zlib.crc32(data).to_bytes(4, "little")
+
+
 def keep_array(place: Path, array: np.ndarray) -> None:
     """Keeps an array; without a cache it is only found again. What nobody used for
     long goes."""
+    file = io.BytesIO()
+    np.save(file, array)
+    data = file.getvalue()
     with suppress(WriteError), whole_file(place) as path:
-        np.save(path, array)
+        path.write_bytes(data + _sum_of(data))
     remove_unused(place.parent)

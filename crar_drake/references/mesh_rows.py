@@ -44,6 +44,9 @@ class MeshRows:
         self._robot, self._names = clearance.robot, list(joint_names)
         self.num_pairs = len(self._meshes.rows)
         self._grids = {row: PairGrid(table) for row, table in clearance.tables.items()}
+        plant = clearance.robot.plant
+        self._lower = plant.GetPositionLowerLimits()
+        self._upper = plant.GetPositionUpperLimits()
         # (2, n) of each, by how much joints of the robot move its two.
         robot, n = self._robot, self._robot.n
         moves = robot.configurations(np.eye(n)) - robot.configurations(np.zeros((1, n)))
@@ -106,8 +109,12 @@ class MeshRows:
             where: as of `trajectory.keeping.Meshes`.
         """
         columns, rows = self._columns(), []
+        # What is beyond a limit will not stay so: no cells are measured for it.
+        inside = np.clip(q, self._lower, self._upper)
         for row, grid in self._grids.items():
-            d, slopes = grid.find(q[:, grid.table.columns])
+            both = grid.table.columns
+            d, slopes = grid.find(inside[:, both])
+            slopes *= inside[:, both] == q[:, both]
             d -= self._asked[row]
             some = np.flatnonzero((d < min(look, _LOOK)) & ~where[row, at.frame])
             if not len(some):

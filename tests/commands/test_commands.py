@@ -13,7 +13,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from small_logs import small_log
-from small_urdfs import humanoid
+from small_urdfs import humanoid, humanoid_with_legs
 
 import crar_drake.run
 from crar_drake.commands import main, make_parser, options, parse
@@ -654,9 +654,13 @@ def test_import_robot_lists_its_guesses_and_files(empty_folder, capsys):
 
 
 @pytest.mark.slow
-def test_what_an_import_says_comes_next_works(empty_folder, capsys):
-    Path("small.urdf").write_text(humanoid())
-    assert main(["import-robot", "small.urdf", "--out", "mine"]) == 0
+@pytest.mark.parametrize(
+    "urdf, options",
+    [(humanoid, []), (humanoid_with_legs, []), (humanoid_with_legs, ["--whole-body"])],
+)
+def test_what_an_import_says_comes_next_works(urdf, options, empty_folder, capsys):
+    Path("small.urdf").write_text(urdf())
+    assert main(["import-robot", "small.urdf", "--out", "mine", *options]) == 0
     following = capsys.readouterr().out.splitlines()[-1]
     command = following.partition(", then crar-drake ")[2].split()
     assert command[:3] == ["run", "--robot", "mine"]

@@ -456,3 +456,16 @@ def test_any_error_is_of_its_file(cleaned, tmp_path, monkeypatch):
     files = clean_folder(references, tmp_path / "out", str(folder), executor=Here())
     assert ["PermissionError" in file.error for file in files] == [True, True, False]
     assert "b.npz: its certificate would be that of b.csv" in files[2].error
+
+
+def test_degrees_are_refused(tmp_path, capsys):
+    """They were put at the limits, for minutes, and the doubt was said at the end."""
+    write_robot(tmp_path)
+    degrees = np.degrees(reaching(24, 30.0, 1.0))
+    reference = write_csv(tmp_path / "degrees.csv", degrees)
+    out = tmp_path / "out.csv"
+    arguments = ["clean", str(reference), "--robot", str(tmp_path), "--out", str(out)]
+    assert main(arguments) == 2
+    message = capsys.readouterr().err
+    assert "is the file in degrees" in message and "in frame " in message
+    assert not out.exists() and not certificate_path(out).exists()

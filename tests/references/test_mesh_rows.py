@@ -103,6 +103,26 @@ def test_boxes_that_meet_have_closed_forms(tmp_path):
     np.testing.assert_allclose(found.gradient[:, 1], -c, atol=1e-6)
 
 
+def test_what_is_beyond_a_limit_is_asked_at_the_limit(tmp_path, monkeypatch):
+    """Joints in degrees had cells measured for them wherever these are in radians,
+    which took minutes and does not tell of anything that a robot can do."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    tight = WIDE.replace("9", "0.2", 1).replace("9", "0.2", 1)
+    clearance = meshes_of(
+        tmp_path,
+        box((0.3, -0.2, -0.2), (0.6, 0.2, 0.2)),
+        box((0, -0.1, -0.1), (0.1,) * 3),
+        tight,
+    )
+    q = [[0.05, 0.2], [0.05, 3.0], [0.2, 0.185], [8.0, 0.185], [8.0, 3.0], [0.2, 0.2]]
+    found = rows_of(clearance, np.array(q), measured=False)
+    np.testing.assert_array_equal(found.sample, np.arange(6))
+    for beyond, at, kept in ((1, 0, [1, 0]), (3, 2, [0, 1]), (4, 5, [0, 0])):
+        assert found.d[beyond] == found.d[at]
+        expected = found.gradient[at] * kept
+        np.testing.assert_array_equal(found.gradient[beyond], expected)
+
+
 def test_rows_that_are_interpolated_are_about_those_of_nearest_points(tmp_path):
     """Of boxes, clear of each other and not."""
     clearance = meshes_of(

@@ -73,19 +73,13 @@ Progress = Callable[[float, float, float], None]
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run leaves.
+    """What a run leaves."""
 
-    Attributes:
-        log: the samples.
-        summary: the figures.
-        setup: what the run was made of.
-        files: what was written, in the order of `run_scenario`; empty if nothing.
-    """
-
-    log: SimulationLog
-    summary: Summary
-    setup: Setup
-    files: list[Path] = field(default_factory=list)
+    log: SimulationLog  # the samples
+    summary: Summary  # the figures
+    setup: Setup  # what the run was made of
+    files: list[Path] = field(default_factory=list)  # what was written, in the order of
+    # `run_scenario`; empty if nothing
 
 
 class RunFailed(CrarError):

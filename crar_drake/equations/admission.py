@@ -79,19 +79,13 @@ class Reaches(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """What `path_bounds` found of Np pairs.
+    """What `path_bounds` found of Np pairs."""
 
-    Attributes:
-        low: (Np,) no distance on the path is smaller [m]; what is below the level
-            asked for is a guess; infinite where nobody asks.
-        at: (Np,) where on the path, in [0, 1], a pair is not shown to be clear; -1
-            where it is, or nobody asks.
-        d: (Np,) the distance there [m]; minus infinite if it is none (NaN).
-    """
-
-    low: np.ndarray
-    at: np.ndarray
-    d: np.ndarray
+    low: np.ndarray  # (Np,) no distance on the path is smaller [m]; what is below the
+    # level asked for is a guess; infinite where nobody asks
+    at: np.ndarray  # (Np,) where on the path, in [0, 1], a pair is not shown to be
+    # clear; -1 where it is, or nobody asks
+    d: np.ndarray  # (Np,) the distance there [m]; minus infinite if it is none (NaN)
 
 
 @compiled
@@ -480,18 +474,12 @@ class AdmissionGains(NamedTuple):
 
 
 class Present(NamedTuple):
-    """What is known of the present braking path.
+    """What is known of the present braking path."""
 
-    Attributes:
-        low: (Np,) no distance on it is smaller [m]; a guess where a pair is not clear.
-        level: (Np,) the floor; where a pair is not clear, the smallest distance seen,
-            unless that is none (NaN).
-        held: whether every pair is shown to be clear, but for rounding.
-    """
-
-    low: np.ndarray
-    level: np.ndarray
-    held: bool
+    low: np.ndarray  # (Np,) no distance is smaller [m]; a guess where not clear
+    level: np.ndarray  # (Np,) the floor; where a pair is not clear, the smallest
+    # distance seen, unless that is none (NaN)
+    held: bool  # whether every pair is shown to be clear, but for rounding
 
 
 @compiled
@@ -544,20 +532,13 @@ def step_reach(s: np.ndarray, gains: AdmissionGains) -> float:
 
 
 class Checked(NamedTuple):
-    """What a step of some velocity s leads to.
+    """What a step of some velocity s leads to."""
 
-    Attributes:
-        clear: whether every pair keeps its level on the way and on the next path.
-        clearance: no distance there is smaller, if it is clear [m].
-        start, x: (nq,), (nv,) the next braking path.
-        bounds: of it.
-    """
-
-    clear: bool
-    clearance: float
-    start: np.ndarray
-    x: np.ndarray
-    bounds: Bounds
+    clear: bool  # whether every pair keeps its level on the way and on the next path
+    clearance: float  # no distance there is smaller, if it is clear [m]
+    start: np.ndarray  # (nq,) where the next braking path begins
+    x: np.ndarray  # (nv,) and where it leads from there
+    bounds: Bounds  # of it
 
 
 @compiled

@@ -179,20 +179,14 @@ class BalanceLaw(NamedTuple):
 
 
 class Balanced(NamedTuple):
-    """What is found of a braking path, or of a step.
+    """What is found of a braking path, or of a step."""
 
-    Attributes:
-        values: (F,) upper bounds of what R w comes to [Nm]; balanced where none is
-            above 0.
-        seen: (F,) the largest that it comes to at the places that were looked at.
-        at, share, brake: (F,) where, u, and at which kappa and a it is largest.
-    """
-
-    values: np.ndarray
-    seen: np.ndarray
-    at: np.ndarray
-    share: np.ndarray
-    brake: np.ndarray
+    values: np.ndarray  # (F,) upper bounds of what R w comes to [Nm]; balanced where
+    # none is above 0
+    seen: np.ndarray  # (F,) the largest of the places that were looked at
+    at: np.ndarray  # (F,) u, where it is largest
+    share: np.ndarray  # (F,) at which kappa
+    brake: np.ndarray  # (F,) and at which a
 
 
 @compiled

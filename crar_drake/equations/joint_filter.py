@@ -171,16 +171,11 @@ def place_ends(start: np.ndarray, end: np.ndarray, r: Robot, balls: Balls) -> Pl
 
 
 class Level(NamedTuple):
-    """What pairs of shapes are to keep.
+    """What pairs of shapes are to keep."""
 
-    Attributes:
-        of: (Np,) the floor, or where a pair is below it on the present path, the
-            smallest distance there [m]; (0,) if that is none.
-        held: whether there is none.
-    """
-
-    of: np.ndarray
-    held: bool
+    of: np.ndarray  # (Np,) the floor, or where a pair is below it on the present path,
+    # the smallest distance there [m]; (0,) if that is none
+    held: bool  # whether there is none
 
 
 @compiled
@@ -210,21 +205,13 @@ def present_level(q: np.ndarray, v: np.ndarray, law: FilterLaw) -> Level:
 
 
 class Checked(NamedTuple):
-    """What is found of a step.
+    """What is found of a step."""
 
-    Attributes:
-        clear: whether every pair keeps its level.
-        clearance: no distance on the next braking path is smaller, if it is clear [m].
-        rows: (k,) the pairs of shapes that were examined.
-        level: (k,) what they are to keep [m].
-        bounds: of these, on the way and the next path as one.
-    """
-
-    clear: bool
-    clearance: float
-    rows: np.ndarray
-    level: np.ndarray
-    bounds: Bounds
+    clear: bool  # whether every pair keeps its level
+    clearance: float  # of the next braking path, if it is clear [m]
+    rows: np.ndarray  # (k,) the pairs of shapes that were examined
+    level: np.ndarray  # (k,) what they are to keep [m]
+    bounds: Bounds  # of these, on the way and the next path as one
 
 
 @compiled

@@ -75,23 +75,15 @@ class Constraints(NamedTuple):
     """Margins h that should stay positive and change by g s + drift per second.
 
     Rows of pairs and of joint limits alike: of a limit, g is a signed unit vector.
-
-    Attributes:
-        h: (C,) margins where the robot will come to rest: distances of pairs [m],
-            or from a joint to a limit [rad], negative beyond it.
-        g: (C, n) their gradients by the controlled joints [m/rad or 1].
-        drift: (C,) their change other than by s: by the prescribed joints, and by
-            what of the slip goes towards the constraint [m/s or rad/s].
-        weight: (C,) omega of a pair, `row_weights`, or rho_JL |grad h_i| of a limit.
-        retreat: (C,) r, the speed at which a violated one must recede [m/s or
-            rad/s].
     """
 
-    h: np.ndarray
-    g: np.ndarray
-    drift: np.ndarray
-    weight: np.ndarray
-    retreat: np.ndarray
+    h: np.ndarray  # (C,) margins where the robot will come to rest: distances of pairs
+    # [m], or from a joint to a limit [rad], negative beyond it
+    g: np.ndarray  # (C, n) their gradients by the controlled joints [m/rad or 1]
+    drift: np.ndarray  # (C,) their change other than by s: by the prescribed joints,
+    # and by what of the slip goes towards the constraint [m/s or rad/s]
+    weight: np.ndarray  # (C,) `row_weights` of pairs, rho_JL |grad h_i| of limits
+    retreat: np.ndarray  # (C,) r, how fast a violated one must recede [m/s or rad/s]
 
 
 @compiled

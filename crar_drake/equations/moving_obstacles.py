@@ -121,21 +121,14 @@ class Levels(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What is found of a line.
+    """What is found of a line."""
 
-    Attributes:
-        clear: whether every link keeps its levels.
-        clearance: no distance is smaller, less what a sphere can come nearer meanwhile,
-            if it is clear [m].
-        link, sphere: what is farthest below its level, -1 if nothing is.
-        failed: (L, N) bool, what is not clear; if quickly looked at, some of it.
-    """
-
-    clear: bool
-    clearance: float
-    link: int
-    sphere: int
-    failed: np.ndarray
+    clear: bool  # whether every link keeps its levels
+    clearance: float  # no distance is smaller, less what a sphere can come nearer
+    # meanwhile, if it is clear [m]
+    link: int  # which is farthest below its level, -1 if none is
+    sphere: int  # of which sphere
+    failed: np.ndarray  # (L, N) bool, what is not clear; if looked at quickly, some
 
 
 def passing(T: float, period: float, floor: float, harmless: float) -> Passing:

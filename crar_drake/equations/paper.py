@@ -55,19 +55,12 @@ class PaperGains(NamedTuple):
 
 
 class ConstraintWeights(NamedTuple):
-    """The diagonal of W, and what its next evaluation compares with.
+    """The diagonal of W, and what its next evaluation compares with."""
 
-    Attributes:
-        W: (n,).
-        nearness: (n,) what W would be if everything were being approached.
-        limit_proximity: (n,) for the next step's Eq. (18).
-        pair_proximity: (Nc, n) for the next step's Eq. (21).
-    """
-
-    W: np.ndarray
-    nearness: np.ndarray
-    limit_proximity: np.ndarray
-    pair_proximity: np.ndarray
+    W: np.ndarray  # (n,)
+    nearness: np.ndarray  # (n,) what W would be if everything were being approached
+    limit_proximity: np.ndarray  # (n,) for the next step's Eq. (18).
+    pair_proximity: np.ndarray  # (Nc, n) for the next step's Eq. (21).
 
 
 @compiled

@@ -57,40 +57,24 @@ _SPARE_EFFORT = 0.97
 
 
 class Preview(NamedTuple):
-    """What the preview is made with, by `make_preview`; N instants, 0 if it is off.
+    """What the preview is made with, by `make_preview`; N instants, 0 if it is off."""
 
-    Attributes:
-        times: (N,) tau, the instants, from now on [s].
-        lengths: (N,) of the parts of constant acceleration that end there [s].
-        weights: (N,) of the errors at the instants [s].
-        moved: (N, N) C, how far an acceleration of 1 in part j has led at instant i
-            [s^2].
-        coasting: h, how long after an instant rows ask where the robot is [s].
-        coasted: (N, N) as C, that long after the instant and without acceleration
-            since [s^2].
-        errors: (N, N) C^T diag(weights) C.
-        tasks: (N, 3) C^T diag(weights) [1, tau, tau^2/2].
-        efforts: (N,) rho^2 of each part.
-        pull: (N, N) H, the null space's share of (L12) [1].
-        damping, stiffness: of the null space [1/s], [1/s^2].
-        farthest: of (L13) [rad or m].
-        task_damping: lambda of N in (L12) [m].
-    """
-
-    times: np.ndarray
-    lengths: np.ndarray
-    weights: np.ndarray
-    moved: np.ndarray
-    coasting: float
-    coasted: np.ndarray
-    errors: np.ndarray
-    tasks: np.ndarray
-    efforts: np.ndarray
-    pull: np.ndarray
-    damping: float
-    stiffness: float
-    farthest: float
-    task_damping: float
+    times: np.ndarray  # (N,) tau, the instants, from now on [s]
+    lengths: np.ndarray  # (N,) of the parts of constant acceleration that end there [s]
+    weights: np.ndarray  # (N,) of the errors at the instants [s]
+    moved: np.ndarray  # (N, N) C, how far an acceleration of 1 in part j has led at
+    # instant i [s^2]
+    coasting: float  # h, how long after an instant rows ask where the robot is [s]
+    coasted: np.ndarray  # (N, N) as C, that long after the instant and without
+    # acceleration since [s^2]
+    errors: np.ndarray  # (N, N) C^T diag(weights) C
+    tasks: np.ndarray  # (N, 3) C^T diag(weights) [1, tau, tau^2/2]
+    efforts: np.ndarray  # (N,) rho^2 of each part
+    pull: np.ndarray  # (N, N) H, the null space's share of (L12) [1]
+    damping: float  # of the null space [1/s]
+    stiffness: float  # likewise [1/s^2]
+    farthest: float  # of (L13) [rad or m]
+    task_damping: float  # lambda of N in (L12) [m]
 
 
 def make_preview(

@@ -96,32 +96,20 @@ class Targets(NamedTuple):
 
 
 class References(NamedTuple):
-    """What the targets ask for, with task weights applied to every row.
+    """What the targets ask for, with task weights applied to every row."""
 
-    Attributes:
-        J: (m, n) task Jacobian of the controlled joints.
-        v_r: (m,) v_d + K e less the prescribed joints' share.
-        a_r: (m,) Eq. (14) less the prescribed joints' share and the bias.
-        posture: (n,) acceleration towards the nominal posture; 0 if off.
-        qddot_p: (n_p,) accelerations of the prescribed joints.
-        error: (m,) Eq. (11) against the targets as given, without weights.
-        qdot_0, qddot_0: (n,) what the damped inverse is damped towards at the
-            velocity and the acceleration level, `undamped_preference`; (0,) for 0.
-        e, e_dot: (m,) Eq. (11) against the blended targets, and how fast it changes.
-        a_ff: (m,) a_r without feedback.
-    """
-
-    J: np.ndarray
-    v_r: np.ndarray
-    a_r: np.ndarray
-    posture: np.ndarray
-    qddot_p: np.ndarray
-    error: np.ndarray
-    qdot_0: np.ndarray = _NONE
+    J: np.ndarray  # (m, n) task Jacobian of the controlled joints
+    v_r: np.ndarray  # (m,) v_d + K e less the prescribed joints' share
+    a_r: np.ndarray  # (m,) Eq. (14) less the prescribed joints' share and the bias.
+    posture: np.ndarray  # (n,) acceleration towards the nominal posture; 0 if off
+    qddot_p: np.ndarray  # (n_p,) accelerations of the prescribed joints
+    error: np.ndarray  # (m,) Eq. (11) against the targets as given, without weights.
+    qdot_0: np.ndarray = _NONE  # (n,) what the damped inverse is damped towards at the
+    # velocity and the acceleration level, `undamped_preference`; (0,) for 0
     qddot_0: np.ndarray = _NONE
-    e: np.ndarray = _NONE
-    e_dot: np.ndarray = _NONE
-    a_ff: np.ndarray = _NONE
+    e: np.ndarray = _NONE  # (m,) Eq. (11) against the blended targets
+    e_dot: np.ndarray = _NONE  # (m,) how fast it changes
+    a_ff: np.ndarray = _NONE  # (m,) a_r without feedback
 
 
 @compiled

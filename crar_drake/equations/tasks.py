@@ -33,21 +33,13 @@ class TaskRows(NamedTuple):
 
 
 class DesiredTasks(NamedTuple):
-    """The targets of one instant, in the order of a TaskLayout.
+    """The targets of one instant, in the order of a TaskLayout."""
 
-    Attributes:
-        R: (Na, 3, 3) desired orientations R_WTd, of the tasks that have one.
-        p: (Nl, 3) desired positions p_WTd [m], of the tasks that have one.
-        v: (m,) desired velocities, Eq. (4) [rad/s, m/s].
-        a: (m,) desired accelerations [rad/s^2, m/s^2].
-        q: (Nj,) desired positions of the tasks that are joints [rad or m].
-    """
-
-    R: np.ndarray
-    p: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    q: np.ndarray = _NO_JOINTS
+    R: np.ndarray  # (Na, 3, 3) desired orientations R_WTd, of the tasks that have one
+    p: np.ndarray  # (Nl, 3) desired positions p_WTd [m], of the tasks that have one
+    v: np.ndarray  # (m,) desired velocities, Eq. (4) [rad/s, m/s].
+    a: np.ndarray  # (m,) desired accelerations [rad/s^2, m/s^2]
+    q: np.ndarray = _NO_JOINTS  # (Nj,) desired positions of joints [rad or m]
 
 
 @dataclass(frozen=True)

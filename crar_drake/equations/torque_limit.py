@@ -51,16 +51,11 @@ _INSIDE = 1e-6
 
 
 class TorqueScale(NamedTuple):
-    """The largest share of the nominal step that the limits allow.
+    """The largest share of the nominal step that the limits allow."""
 
-    Attributes:
-        theta: in [0, 1].
-        excess: by which share of its limit the torque of the worst actuator is
-            still beyond it [1]; 0 if the limits can be respected.
-    """
-
-    theta: float
-    excess: float
+    theta: float  # in [0, 1]
+    excess: float  # by which share of its limit the torque of the worst actuator is
+    # still beyond it [1]; 0 if the limits can be respected
 
 
 @compiled

@@ -98,21 +98,14 @@ class Surface:
 
 @dataclass(frozen=True)
 class Contacts:
-    """What an obstacle did in T samples.
+    """What an obstacle did in T samples."""
 
-    Attributes:
-        smallest_distance: of a link [m], that link, and the sample's index.
-        touching: samples in which it touches a link.
-        violations: those in which that link is faster there than is harmless.
-        fastest: the largest speed of a link where it was touched [m/s]; 0 if none was.
-    """
-
-    smallest_distance: float
+    smallest_distance: float  # of a link [m], that link, and the sample's index
     link: str
     index: int
-    touching: int
-    violations: int
-    fastest: float
+    touching: int  # samples in which it touches a link
+    violations: int  # those in which that link is faster there than is harmless
+    fastest: float  # of a link where it was touched [m/s]; 0 if none was
 
 
 class ObstacleJudge:

@@ -14,18 +14,12 @@ LONGEST_GAP = 0.2  # [s]
 
 @dataclass(frozen=True)
 class Gap:
-    """Frames first..last of a point that are missing.
+    """Frames first..last of a point that are missing."""
 
-    Attributes:
-        point: its name.
-        first, last: frame numbers, from 1.
-        filled: "spline", "line", or "held" (at the beginning or end).
-    """
-
-    point: str
-    first: int
+    point: str  # its name
+    first: int  # frame, from 1
     last: int
-    filled: str
+    filled: str  # "spline", "line", or "held" (at the beginning or end)
 
 
 def fill_gaps(

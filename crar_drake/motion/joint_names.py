@@ -64,15 +64,10 @@ _MOST_WORDS = 3  # that are glued together
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a name says.
+    """What a name says."""
 
-    Attributes:
-        side: "left", "right" or "".
-        part: a key of the table of words.
-    """
-
-    side: str
-    part: str
+    side: str  # "left", "right" or ""
+    part: str  # a key of the table of words
 
 
 def words_of(name: str) -> list[str]:

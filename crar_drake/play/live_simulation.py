@@ -57,15 +57,10 @@ MOST_PUSHED = 1000.0  # by all pushes of a person's that act at a time [N]
 
 @dataclass(frozen=True)
 class Event:
-    """Something that a person did.
+    """Something that a person did."""
 
-    Attributes:
-        time: in the simulation [s].
-        what: in words.
-    """
-
-    time: float
-    what: str
+    time: float  # in the simulation [s]
+    what: str  # in words
 
 
 class LiveSimulation:

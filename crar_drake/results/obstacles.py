@@ -14,23 +14,14 @@ from crar_drake.simulation.scenario import Scenario
 
 @dataclass(frozen=True)
 class ObstacleFigures:
-    """What one obstacle did.
+    """What one obstacle did."""
 
-    Attributes:
-        smallest_distance: of a watched link [m].
-        link: that one.
-        time: when [s].
-        contact_samples: in which it touches a link.
-        fast_contacts: those in which that link is faster there than `contact_speed`.
-        fastest_contact: the largest speed of a link where it was touched [m/s].
-    """
-
-    smallest_distance: float  # [m]
-    link: str
-    time: float  # [s]
-    contact_samples: int
-    fast_contacts: int
-    fastest_contact: float  # [m/s]
+    smallest_distance: float  # of a watched link [m]
+    link: str  # that one
+    time: float  # when [s]
+    contact_samples: int  # in which it touches a link
+    fast_contacts: int  # those in which that link is faster there than `contact_speed`
+    fastest_contact: float  # the largest speed of a link where it was touched [m/s]
 
     def in_words(self) -> str:
         """Where it was nearest, and how fast links were that it touched."""

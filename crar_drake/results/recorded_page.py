@@ -45,19 +45,12 @@ RUN_TEXTS = {
 
 @dataclass(frozen=True)
 class ShownRun:
-    """One of the robots that a page shows.
+    """One of the robots that a page shows."""
 
-    Attributes:
-        recorded: how it moves, and what is near.
-        robot: which of the page's robots it is.
-        label: what it is called beside others.
-        figures: of it, see `figure`.
-    """
-
-    recorded: RecordedRun
-    robot: int
-    label: str
-    figures: Sequence[dict]
+    recorded: RecordedRun  # how it moves, and what is near
+    robot: int  # which of the page's robots it is
+    label: str  # what it is called beside others
+    figures: Sequence[dict]  # of it, see `figure`
 
 
 def figure(name: str, value: str, bad: bool = False) -> dict:

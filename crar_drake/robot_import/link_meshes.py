@@ -29,17 +29,11 @@ _PACKAGES = {"trimesh": "trimesh", "fcl": "python-fcl"}
 
 @dataclass(frozen=True)
 class LinkMesh:
-    """What a link looks like.
+    """What a link looks like."""
 
-    Attributes:
-        name: of the link; `model::link` where several models have one of that name.
-        body: of the plant.
-        parts: triangles by mesh file or primitive, in the link's frame.
-    """
-
-    name: str
-    body: BodyIndex
-    parts: list[Part]
+    name: str  # of the link; `model::link` where several models have one of that name
+    body: BodyIndex  # of the plant
+    parts: list[Part]  # triangles by mesh file or primitive, in the link's frame
 
 
 def has_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> bool:

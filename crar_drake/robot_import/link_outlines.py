@@ -18,15 +18,10 @@ from crar_drake.robot_import.meshes import vertices_of
 
 @dataclass(frozen=True, eq=False)
 class LinkOutline:
-    """A link as balls: the vertices of its hull, or the ends of its capsules.
+    """A link as balls: the vertices of its hull, or the ends of its capsules."""
 
-    Attributes:
-        points: (V, 3) p_BV, in the link's frame [m].
-        radii: (V,) around them; 0 of vertices [m].
-    """
-
-    points: np.ndarray
-    radii: np.ndarray
+    points: np.ndarray  # (V, 3) p_BV, in the link's frame [m]
+    radii: np.ndarray  # (V,) around them; 0 of vertices [m]
 
 
 def link_outlines(

@@ -33,19 +33,12 @@ _LONGEST = 0.5  # [rad or m] of a step
 
 @dataclass(frozen=True)
 class SampledPairs:
-    """What sampling found, in the words of MoveIt's setup assistant.
+    """What sampling found, in the words of MoveIt's setup assistant."""
 
-    Attributes:
-        watched: pairs that can meet.
-        overlapping: pairs that are in contact (or nearly) in the rest posture.
-        always: pairs in contact in nearly every configuration.
-        never: number of pairs that met in no configuration.
-    """
-
-    watched: list[list[str]]
-    overlapping: list[list[str]]
-    always: list[list[str]]
-    never: int
+    watched: list[list[str]]  # pairs that can meet
+    overlapping: list[list[str]]  # in contact (or nearly) in the rest posture
+    always: list[list[str]]  # pairs in contact in nearly every configuration
+    never: int  # number of pairs that met in no configuration
 
 
 def gaps(

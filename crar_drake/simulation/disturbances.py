@@ -24,57 +24,34 @@ from crar_drake.robot.description import find_frame, quaternion_starts
 
 @dataclass
 class Push:
-    """A constant force on a frame's origin, for a while.
+    """A constant force on a frame's origin, for a while."""
 
-    Attributes:
-        frame: task frame of the description, or any frame of the plant.
-        force: in the world [N].
-        start: when it begins [s].
-        duration: how long it lasts [s].
-    """
-
-    frame: str = ""
-    force: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    start: float = 0.0
-    duration: float = 0.0
+    frame: str = ""  # task frame of the description, or any frame of the plant
+    force: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # in W [N]
+    start: float = 0.0  # when it begins [s]
+    duration: float = 0.0  # how long it lasts [s]
 
 
 @dataclass
 class TargetJump:
-    """All task positions are displaced by a step, for a while.
+    """All task positions are displaced by a step, for a while."""
 
-    Attributes:
-        offset: in the world [m].
-        start: when it begins [s].
-        duration: how long it lasts [s]; 0 means there is no jump.
-    """
-
-    offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    start: float = 0.0
-    duration: float = 0.0
+    offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # in W [m]
+    start: float = 0.0  # when it begins [s]
+    duration: float = 0.0  # how long it lasts [s]; 0 means there is no jump
 
 
 @dataclass
 class Disturbances:
-    """How the simulated robot differs from what the controller believes.
+    """How the simulated robot differs from what the controller believes."""
 
-    Attributes:
-        mass_scale: factor on all masses and inertias of the simulated plant.
-        position_noise: standard deviation of measured positions [rad or m].
-        velocity_noise: standard deviation of measured velocities [rad/s or m/s].
-        noise_seed: of both noises.
-        delay_periods: control periods by which the measured state is late.
-        pushes: forces on the robot.
-        target_jump: a step in the task targets.
-    """
-
-    mass_scale: float = 1.0
-    position_noise: float = 0.0
-    velocity_noise: float = 0.0
-    noise_seed: int = 0
-    delay_periods: int = 0
-    pushes: list[Push] = field(default_factory=list)
-    target_jump: TargetJump = field(default_factory=TargetJump)
+    mass_scale: float = 1.0  # factor on all masses and inertias of the simulated plant
+    position_noise: float = 0.0  # standard deviation of measured positions [rad or m]
+    velocity_noise: float = 0.0  # likewise of velocities [rad/s or m/s]
+    noise_seed: int = 0  # of both noises
+    delay_periods: int = 0  # control periods by which the measured state is late
+    pushes: list[Push] = field(default_factory=list)  # forces on the robot
+    target_jump: TargetJump = field(default_factory=TargetJump)  # of the targets
 
     def validate(self) -> None:
         """Raises ScenarioError where a field is out of its range."""

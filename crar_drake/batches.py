@@ -27,7 +27,6 @@ def in_batches(
     itself the result is the error.
 
     Args:
-        pool: any executor.
         work: from items to their results, or to those of the first ones, if the others
             are to be done anew.
         items: to be worked on.

@@ -224,7 +224,6 @@ def check_size(scenario: Scenario, setup: Setup, duration: float, record: bool) 
 
     Args:
         scenario: to be run.
-        setup: of the scenario.
         duration: of the run [s].
         record: whether it is recorded.
 
@@ -268,8 +267,6 @@ def make_log(
     """Collects the log of a diagram that was simulated.
 
     Args:
-        scenario: of the diagram.
-        setup: of the scenario.
         diagram: made by `MakeCrarDiagram`.
         context: of the diagram, after the simulation. If that failed while it
             logged a sample, that sample is left out.
@@ -342,9 +339,6 @@ def summary_of(
     """The figures of a run, with what judges say of obstacles and of how it stood.
 
     Args:
-        log: of the run.
-        scenario: of the log.
-        setup: of the scenario.
         stopped: what ended the run before its time, if anything did.
         known: further arguments of `summarize`.
     """

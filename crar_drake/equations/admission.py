@@ -251,7 +251,6 @@ def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.nda
     Args:
         x: (nv,) what each joint moves on the path [rad, m].
         pairs: (k,) which.
-        reaches: of all pairs.
     """
     pairs = reaches.own[pairs]
     speed, above = np.abs(x), reaches.above.T
@@ -304,7 +303,6 @@ def shadow_gap(
         n: (k, 3) unit directions.
         at: (P, 3) points, where the axes start and from there to their ends among
             them [m].
-        pairs: of shapes.
         some: (k,) which pairs.
         a, b: (k, 6) spatial velocities of both shapes about the world's origin, for a
             unit of time.
@@ -438,8 +436,6 @@ def gradients_at(
     """Eq. (20) of the pairs that are not clear, where they are not: (k,), (k, nv).
 
     Args:
-        start, x: of the path.
-        bounds: of it.
         r, reaches: as in `path_bounds`.
 
     Returns:
@@ -498,8 +494,6 @@ def examine_present(
         q, v: (nq,), (nv,) state.
         s: (nv,) the velocity of the guard.
         d: (2, Nr) distances of all rows at q and at q_s [m].
-        r, reaches: of the robot.
-        gains: of the admission.
     """
     x, straight = gains.T * v, np.zeros(len(v))
     here = reaching(q, x, straight, reaches, r.turn)
@@ -565,9 +559,6 @@ def check_step(
 
     Args:
         q, v, s: (nq,), (nv,), (nv,) state, and velocity of q_s.
-        present: of the state.
-        r, reaches: of the robot.
-        gains: of the admission.
     """
     T, period, level = gains.T, gains.period, present.level
     start, x = next_path(q, v, s, T, period, gains.step, r.turn)

@@ -170,7 +170,6 @@ def blend_tasks(
     """Blends every task from (R_start, p_start, q_start) to `target`.
 
     Args:
-        rows: which rows belong to which task.
         R_start: (Na, 3, 3) measured orientations at the start.
         p_start: (Nl, 3) measured positions at the start [m].
         q_start: (Nj,) measured positions of the tasks that are joints [rad or m].

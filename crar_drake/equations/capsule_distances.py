@@ -187,7 +187,6 @@ def nearest_points(
     Args:
         at: (K P, 3) points, where the axes start [m] and from there to their ends
             among them [m].
-        pairs: of the capsules.
         some: (N,) which of the pairs.
 
     Returns:

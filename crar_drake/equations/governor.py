@@ -88,7 +88,6 @@ def govern_tasks(
         before: (size,) what this function returned one period before; or
             `start_governor`.
         rows: which rows belong to which task; joints are passed as they are.
-        bounds: of all tasks.
         h: control period [s].
 
     Returns:

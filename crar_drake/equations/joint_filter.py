@@ -127,7 +127,6 @@ def beyond_bounds(
         q, v: (n,), (n,) state.
         q_next, v_next: (n,), (n,) that is wanted.
         lower, upper, fastest: (n,), (n,), (n,) as of `velocity_bounds`.
-        T, period: likewise.
 
     Returns:
         BY_LIMIT, BY_SPEED or NOTHING; the joint that is farthest beyond, measured by
@@ -230,7 +229,6 @@ def check_line(
         level: that pairs are to keep.
         quick: whether a pair that is too near at the end of the line is enough to know;
             else the worst place of each is sought.
-        law: of the robot.
     """
     mode, robot, balls = law.mode.value, law.robot, law.balls.value
     gains, straight = mode.admission, np.zeros(len(q))
@@ -298,8 +296,6 @@ def line_correction(
         q: (n,) the present position.
         s: (n,) the velocity of q_s that was checked.
         v_next: (n,) what it leads to.
-        checked: of it.
-        law: of the robot.
     """
     mode, rows = law.mode.value, checked.rows
     T, period = mode.admission.T, mode.admission.period
@@ -332,7 +328,6 @@ def nominal_of_wish(
         q, v: (n,), (n,) state.
         kind, wish: as of `desired_state`.
         rate: (n,) q_dot_d of a position [rad/s].
-        numbers: of the mode.
     """
     T, period = numbers.admission.T, numbers.admission.period
     fastest = numbers.gains.nominal_speed_limit
@@ -372,7 +367,6 @@ def guard_rows(
     Args:
         q, v: (n,), (n,) state.
         s_0: (n,) the nominal velocity.
-        law: of the robot.
 
     Returns:
         The rows; (C,) the pair of shapes of each.
@@ -425,7 +419,6 @@ def changed_step(
         q, v: (n,), (n,) state.
         s_0: (n,) the nominal velocity of q_s.
         level: that pairs are to keep.
-        law: of the robot.
 
     Returns:
         (n,) the velocity q_dot' that it leads to; (4,) CORRECTED or SCALED, the share,

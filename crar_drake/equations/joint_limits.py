@@ -50,7 +50,6 @@ def limit_gradient(q: np.ndarray, limits: LimitPotential) -> np.ndarray:
 
     Args:
         q: (n,) positions [rad or m].
-        limits: of the joints.
 
     Returns:
         (n,) [1/rad or 1/m]; 0 for unlimited joints.
@@ -73,7 +72,6 @@ def limit_proximity(
     Args:
         q: (n,) positions, not clamped [rad or m].
         gradient: (n,) Eq. (17) there.
-        limits: of the joints.
 
     Returns:
         (n,) monotone measure of nearness [1/rad or 1/m]; 0 for unlimited joints.

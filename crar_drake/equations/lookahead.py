@@ -76,7 +76,6 @@ def lookahead_step(
 
     Args:
         measured: the state, and q_s.
-        targets: what to do.
         robot: holds a `Robot` with a row for each pair of shapes.
         mode: holds `LookaheadNumbers`.
         before: of the step before; at the first, with q_dot itself and zeros, so that

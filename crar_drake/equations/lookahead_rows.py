@@ -106,7 +106,6 @@ def with_resting(q: np.ndarray, v: np.ndarray, r: Robot, T: float) -> np.ndarray
 
     Args:
         q, v: (nq,), (nv,) state in the plant's order.
-        r: of the robot.
         T: [s].
     """
     q_s = resting_configuration(q[r.positions], v[r.order], T, r.turn)
@@ -237,7 +236,6 @@ def pair_constraints(
         weighed: (R,) `weighed_margins` [m].
         slip: (n,) velocity of q_s that is not commanded, see `slip_velocity`; only
             what approaches counts [rad/s].
-        gains: of the mode.
     """
     near = np.flatnonzero(h < gains.influence_distance)
     h, g = h[near], g[near]
@@ -301,8 +299,6 @@ def limit_constraints(
         weighed: (nl,) `weighed_margins` [rad].
         slip: (n,) velocity of q_s that is not commanded, see `slip_velocity`;
             only what goes towards the limit counts [rad/s].
-        limits: of the joints.
-        gains: of the mode.
     """
     joints, inward = limits.joints, limits.inward
     nl = len(joints)
@@ -407,12 +403,10 @@ def find_constraints(
     """The rows of pairs and of limits that weigh.
 
     Args:
-        state: of the robot.
         h, by_pairs: (2 Nr,) margins of the pairs, and those by which they weigh [m].
         to_limits, by_limits: (nl,) the same of limits [rad].
         s_p: (n_p,) velocity of q_s of the prescribed joints.
         slip: (n,) that is expected to go on [rad/s].
-        limits, gains: of the mode.
     """
     n, v = len(slip), state.v
     by_joint = state.dd_dv.reshape(len(h), len(v))

@@ -169,7 +169,6 @@ def braking_time(t: float, before: float, numbers: Passing) -> float:
     Args:
         t: seconds along the line at the speed that it begins with; at most `last_time`.
         before: as of `Line`.
-        numbers: of the filter.
     """
     if t <= before:
         return numbers.eta + t
@@ -219,7 +218,6 @@ def links_near(
         bend: (L,) how far each link may be off its chord [m].
         seconds: (L,) that spheres have to come nearer.
         enough: the distance besides [m].
-        spheres, links: which.
 
     Returns:
         (k, 2) links and spheres; no distance of the others is smaller, less what the
@@ -297,11 +295,8 @@ def near_line(
     """`links_near` of a line, to the floor.
 
     Args:
-        line: which.
         last: (L,) `last_times`.
         reach: (L, nv) `own_reach`.
-        spheres: which.
-        r: of the robot.
         law: holds `WorldLaw`.
     """
     links, numbers = law.value.links.value, law.value.numbers
@@ -375,8 +370,6 @@ def line_bounds(
         line: the way and the braking path.
         levels: to be kept.
         quick: whether one that fails is enough to know.
-        spheres: which.
-        r: of the robot.
         law: holds `WorldLaw`.
     """
     links, numbers = law.value.links.value, law.value.numbers
@@ -560,8 +553,6 @@ def present_levels(
     Args:
         line: the present braking path.
         clear: (N,) bool, of which spheres the state is known to be clear.
-        spheres: which.
-        r: of the robot.
         law: holds `WorldLaw`.
     """
     links, numbers = law.value.links.value, law.value.numbers
@@ -603,7 +594,6 @@ def link_gradient(
         i, o: the link and the sphere.
         at: (P, 3) of `place_links` [m].
         S: (6, n) of `joint_motion` there.
-        spheres, links: which.
 
     Returns:
         The distance of the nearest shape [m]; (n,) its gradient; (3,) the unit normal
@@ -654,9 +644,6 @@ def sphere_rows(
     Args:
         q, v: (n,), (n,) state.
         s_0: (n,) the nominal velocity.
-        spheres: which.
-        gains: of the mode.
-        r: of the robot.
         law: holds `WorldLaw`.
     """
     links, numbers, n = law.value.links.value, law.value.numbers, len(q)
@@ -714,7 +701,6 @@ def evading_rows(
         q, v: (n,), (n,) state.
         v_next: (n,) the velocity of the command.
         moving: what is evaded.
-        r: of the robot.
         law: holds `WorldLaw`.
 
     Returns:

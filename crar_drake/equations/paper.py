@@ -81,8 +81,6 @@ def constraint_weights(
         dd_dq: (Nc, n) Eq. (20).
         limit_before, pair_before: (n,), (Nc, n) the proximities of the step before;
             zeros at the first.
-        limits: of the joints.
-        gains: of the law.
     """
     near_limit = limit_gradient(q, limits)
     of_limits = limit_proximity(q, near_limit, limits)
@@ -114,13 +112,11 @@ def weighted_acceleration(
     """Eqs. (10), (15), (30)-(35) in their order, with a given W.
 
     Args:
-        references: of the tasks.
         qdot: (n,) velocities of the controlled joints [rad/s].
         W: (n,) diagonal of the weight.
         nearness: (n,) for an adaptive Gv, see `adaptive_gain`.
         inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
         qdot_c_before: (n,) Eq. (15) of the step before; (0,) at the first step.
-        gains: of the law.
 
     Returns:
         (n,) q_ddot [rad/s^2]; (n,) q_dot_c [rad/s]; (n,) diagonal of the weight.
@@ -184,8 +180,6 @@ def paper_step(
     """One control step of the paper's law; see the functions above.
 
     Args:
-        measured: the state.
-        targets: what to do.
         inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
         robot: holds a `Robot`.
         mode: holds `PaperNumbers`.
@@ -319,7 +313,6 @@ def start_step(
         d: (Nc,) signed distances [m].
         dd_dq: (Nc, n) Eq. (20).
         room: (n,), (n,) from where and to where joints may go.
-        limits: of the joints.
         gains: damping, rho, alpha, beta and limit_share count.
     """
     lower, upper = room

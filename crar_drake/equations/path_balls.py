@@ -43,7 +43,6 @@ def curvature(x: np.ndarray, balls: Balls) -> np.ndarray:
 
     Args:
         x: (nv,) what each joint moves on the way [rad, m].
-        balls: of the robot.
     """
     speed = np.abs(x)
     return times(balls.reach, speed * (speed + 2.0 * times(balls.above, speed)))
@@ -66,7 +65,6 @@ def near_on_way(
         bend: (B,) how far each link may be off its chord [m].
         enough: the distance [m].
         pairs: of the shapes, the first configuration's in its first half.
-        balls: of the robot.
 
     Returns:
         (k,) which pairs of shapes; no distance of the others is smaller [m].

@@ -132,7 +132,6 @@ def shifted_plan(
 
     Args:
         plan: (N n,) of one period ago; (0,) at a start.
-        preview: its numbers.
         n: number of controlled joints.
         period: of the controller [s].
     """
@@ -166,7 +165,6 @@ def expected_motion(
         v: (nv,) velocities.
         qddot_p: (n_p,) of the prescribed joints.
         plan: (N, n) accelerations of the others.
-        preview: of the law.
     """
     N, n = plan.shape
     x = np.zeros((N, len(v)))
@@ -194,9 +192,7 @@ def possible_motion(
     Args:
         x: (N, nv) `expected_motion` [rad or m].
         q: (n,) positions of the controlled joints.
-        limits: theirs.
         fastest: [rad/s or m/s].
-        preview: of the law.
     """
     possible = x.copy()
     for c in range(len(q)):
@@ -229,13 +225,9 @@ def rows_ahead(
     its retreat speed, however deep it is, and not at once.
 
     Args:
-        state: of the robot.
         x: (N, nv) `possible_motion` of the last plan.
-        limits: of the joints.
         gains: of the mode: pairs that are farther apart now than its influence distance
             have no row.
-        r, reaches: of the robot.
-        preview: of the law.
 
     Returns:
         (C, N n) rows and (C,) the least of each that is asked for.
@@ -291,7 +283,6 @@ def speed_rows(
         qdot: (n,) velocities.
         plan: (N, n) the last one.
         fastest: [rad/s or m/s].
-        preview: of the law.
     """
     N, n = plan.shape
     rows, least, found = np.zeros((N * n, N * n)), np.empty(N * n), 0
@@ -322,7 +313,6 @@ def effort_rows(
         efforts: (k, nv + 2) of each motor: A, in the robot's order, b, and the limit.
         qddot_p: (n_p,) of the prescribed joints.
         plan: (N, n) the last one.
-        preview: of the law.
     """
     N, n = plan.shape
     rows, least = np.zeros((N * len(efforts), N * n)), np.empty(N * len(efforts))
@@ -396,13 +386,11 @@ def plan_accelerations(
     where N = lambda^2 (J^T J + lambda^2 I)^-1 leaves z to what tasks do not need.
 
     Args:
-        references: what the tasks ask for.
         of_rows: (m,) the task of each row.
         task_damping: lambda [m].
         posture_error: (n,) q - q_nominal, or zeros [rad].
         qdot: (n,) velocities.
         rows, least: of `rows_ahead`.
-        preview: of the law.
     """
     N, n = len(preview.times), len(qdot)
     shares = task_shares(references.e, of_rows, preview.farthest)
@@ -466,12 +454,9 @@ def preview_plan(
     """(L10)-(L13) in their order, (N n,) [rad/s^2].
 
     Args:
-        state: of the robot.
-        references: what the tasks ask for.
         posture: (n,) nominal one, or (0,) [rad].
         before: (N n,) the plan of one period ago, or (0,).
         efforts: (k, nv + 2) of `effort_rows`.
-        r, numbers: of the robot and the mode.
     """
     preview, limits = numbers.preview.value, numbers.limits.value
     n, gains = r.n, numbers.gains
@@ -506,7 +491,6 @@ def previewed_velocity(
     Args:
         plan: (N n,) `plan_accelerations`.
         qdot: (n,) velocities [rad/s].
-        gains, preview: of the mode.
 
     Returns:
         (n,) s_0 of the first acceleration; (n,) the velocity it has led to at the first

@@ -121,8 +121,6 @@ def find_error(
     Args:
         q: (n,) positions of the controlled joints, or of all in that order [rad or m].
         R, p: (Na, 3, 3), (Nl, 3) of the tasks, see `task_error`.
-        desired: the targets.
-        rows: which rows belong to which task.
     """
     e = task_error(rows, R, p, desired.R, desired.p)
     return put_joint_rows(e, desired.q - q[rows.joints], rows)
@@ -151,7 +149,6 @@ def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarr
     Args:
         of_rows: (m,) right-hand side of a level, without weights.
         n: number of controlled joints.
-        rows: which rows belong to which task.
 
     Returns:
         (n,); (0,) where no task is a joint.
@@ -187,11 +184,7 @@ def find_references(
     """Eqs. (9), (14): what the blended targets ask for, weighted.
 
     Args:
-        state: of the robot.
-        targets: the targets.
-        rows: which rows belong to which task.
         turn: of the robot, see `Robot`.
-        gains: of the law.
     """
     prescribed, blend, start = targets.prescribed, targets.blend, targets.start
     n_p = len(prescribed) // 3  # an orientation has one position more than velocities

@@ -280,7 +280,6 @@ def task_weights(
     With them the damped least squares of Eq. (34) weighs metres against radians.
 
     Args:
-        layout: which rows belong to which task.
         position_weights: per task, for its position rows [1], of a joint [m/rad].
         orientation_weights: per task, for its orientation rows [m/rad].
 

@@ -85,7 +85,6 @@ def scale_acceleration(
     Args:
         measured: the state, and q_s.
         vdot: (nv,) accelerations in the plant's order.
-        robot, numbers: of the robot and the mode.
 
     Returns:
         (nv,) accelerations; (4,) of `admit`.
@@ -371,12 +370,10 @@ def limited_acceleration(
     horizons, and the most promising one is looked at first: the admission leaves less.
 
     Args:
-        measured: the state.
         vdot: (nv,) the nominal accelerations, admitted for the shortest horizon, in
             the plant's order.
         efforts: (nu, nv + 2) A, in the robot's order, b and the limit of each motor, by
             which |A q_ddot + b| is to be at most the limit.
-        robot, numbers: of the robot and the mode.
 
     Returns:
         (nv,) accelerations; (nu,) their torque, clipped; (2,) how much is left of the

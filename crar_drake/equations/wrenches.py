@@ -189,7 +189,6 @@ def wrench_slopes(
         x: (nv,) velocities, likewise.
         joints: (n,) velocities that it is asked of; each alone moves one frame. None
             is a leg's that follows.
-        masses: of the robot.
     """
     tree = masses.tree.value
     N, n = len(masses.mass), len(joints)

@@ -122,7 +122,6 @@ class ObstacleJudge:
         Args:
             plant: finalized.
             scene_graph: where it is registered.
-            links: by name.
         """
         self._plant, self._context = plant, plant.CreateDefaultContext()
         bodies = [find_body(plant, name) for name in dict.fromkeys(links)]

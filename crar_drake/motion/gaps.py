@@ -28,7 +28,6 @@ def fill_gaps(
     """Fills missing frames of a point.
 
     Args:
-        name: of the point.
         samples: (T, 3); a frame with a NaN is missing.
         frame_rate: samples per second [Hz].
 

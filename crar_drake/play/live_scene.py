@@ -71,7 +71,6 @@ class LiveScene:
         """What the page shows now, for JSON.
 
         Args:
-            pacer: of the simulation.
             now: on the wall [s].
             notice: something to tell the person; "" for nothing.
         """

@@ -87,7 +87,6 @@ class MotionSwitch:
         """Lets the motion go on from where it is, or come to rest there.
 
         Args:
-            on: which.
             time: when [s].
         """
         if on != self.on:

@@ -28,7 +28,6 @@ def make_page(live: LiveSimulation, scene: LiveScene, meshcat_port: int) -> str:
 
     Args:
         live: the simulation.
-        scene: of it.
         meshcat_port: of Meshcat, at the same host as the page.
     """
     layout, scenario = live.model.layout, live.scenario

@@ -32,7 +32,6 @@ class Recorder:
         """
         Args:
             setup: what the simulated diagram is made of.
-            simulator: of the diagram.
             kept: as the attribute.
         """
         self.kept, self._setup, self._simulator = kept, setup, simulator

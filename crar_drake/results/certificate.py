@@ -113,7 +113,6 @@ def judge_certificate(
     Args:
         log: of a run with the constraints "lookahead".
         referee: of the robot; its velocity limits play no part.
-        parameters: of the run.
         plant_step: the simulated plant's [s], 0 if it was continuous.
         every: of so many control steps one is judged, and of so many samples in
             between; by default as many as make about 300 of each. The 100 nearest

@@ -46,8 +46,6 @@ def limb_directions(
     """How far the limbs of a run are off in direction.
 
     Args:
-        log: of the run.
-        model: the robot.
         performer: whom it follows; None with keyframes.
         start: what is before is left out: the targets are blended in [s].
 

@@ -73,9 +73,7 @@ def export_log(
     """Writes the motion of a log into a file, whole or not at all.
 
     Args:
-        log: of the run.
         robot: that was simulated.
-        path: of the file.
         layout: its name.
         rate: samples per second, along splines [Hz]; by default the log's.
         start: what is before is left out, such as blending in, unless it is all [s].

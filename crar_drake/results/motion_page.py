@@ -125,9 +125,7 @@ def compare_motions(
         motions: at least two and at most as many as `marks.RUNS`, with their joints in
             the robot's order. What became of each is reported against the first.
         path: of the .html file; appears whole or not at all.
-        judge: of the robot.
         labels: what to call each.
-        title: of the page.
         overlay: whether they are laid over each other when the page opens.
         meshcat: to draw into; by default one of its own.
 

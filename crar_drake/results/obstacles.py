@@ -45,7 +45,6 @@ def judge_obstacles(
     """Judges all samples of a log.
 
     Args:
-        log: of a run.
         scenario: of the log, with the obstacles' names and the speed that is harmless.
         plant, scene_graph: with its robot.
         pairs: of links that are watched.

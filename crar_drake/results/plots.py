@@ -45,7 +45,6 @@ def plot_run(
     """Draws a run on one page, see `draw_run`.
 
     Args:
-        log: of the run.
         path: the figure's file; its suffix (.png, .pdf, .svg) chooses the format.
         scenario: of the log, if it is at hand; by default the log's text is parsed.
 

@@ -90,7 +90,6 @@ def write_page(
         meshcat: from `empty_scene`, in which the robots are drawn.
         robots: in it, each at its `robot_prefix`.
         shown: what moves; at most as many as `marks.RUNS`.
-        title, subtitle: of the page.
         overlay: whether the robots are laid over each other when the page opens.
         spans: of their recordings to the colours that they have; by default those of
             runs.

@@ -103,7 +103,6 @@ class DrawnRobot:
     ) -> None:
         """
         Args:
-            description: of the robot.
             meshcat: to draw into.
             prefix: the path in Meshcat under which its links are.
             colour: of what has none.
@@ -229,9 +228,6 @@ def record_run(
 
     Args:
         log: of the run; interpolated to the frames.
-        robot: of the log.
-        scenario: of the log.
-        frames_per_second: of the recording.
 
     Raises:
         CrarError: the log is empty, does not fit the robot, or has no finite

@@ -29,7 +29,6 @@ def find_reaches(
     their limits, or have none, `equations.admission.reaching` looks where they are.
 
     Args:
-        joints: of the plant.
         pairs: of it; those of other shapes have none.
         order: (nv,) of the joints, as in `equations.kinematics.Robot`.
         lower, upper: (nq,) limits of all joints, in the plant's order.
@@ -92,7 +91,6 @@ def chain_reaches(
 
     Args:
         joints, order: as of `find_reaches`.
-        body: of the plant.
         ends: (3,) points in its frame [m]; the farthest counts.
 
     Returns:

@@ -100,7 +100,6 @@ def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
     """The link's real look: its visual elements, else its collision elements.
 
     Args:
-        link: of the source.
         up_axis: "z" if all DAE files have z up, whatever they say; "file" if each is
             to be turned as its up_axis says.
 

@@ -174,7 +174,6 @@ def nearest_postures(
     """Local minima of pairs' distances within the joints' limits.
 
     Args:
-        distances: of the pairs.
         pairs: (K,) which pair to bring together from each start.
         q: (K, nq) the starts.
         enough: distance at which a pair's search ends [m].

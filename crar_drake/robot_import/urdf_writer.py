@@ -57,9 +57,6 @@ def write_urdf(
     """Writes the generated URDF.
 
     Args:
-        path: of the file.
-        robot: the source.
-        name: of the robot.
         base: one of `choices.BASES`: "prescribed", joints that the motion drives carry
             the root link; "floating", the file does not connect it with the world.
         height: of a fixed root link above the ground [m].

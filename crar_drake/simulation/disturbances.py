@@ -270,7 +270,6 @@ def ScaleMasses(plant: MultibodyPlant, context: Context, scale: float) -> None:
 
     Args:
         plant: finalized.
-        context: of the plant.
         scale: factor; the centres of mass stay.
     """
     for instance in range(plant.num_model_instances()):

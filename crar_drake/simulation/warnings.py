@@ -37,7 +37,6 @@ def run_warnings(
 
     Args:
         scenario: that is run.
-        setup: of the scenario.
         report: of its motion; None with keyframes.
         recorded: whether there is a recording.
     """

@@ -54,7 +54,6 @@ class LcmLink:
         """
         Args:
             url: of LCM, as "udpm://239.255.76.67:7667?ttl=0".
-            layout: of the tasks.
             names: of the numbers of a command, in their order.
 
         Raises:

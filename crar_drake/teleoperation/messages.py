@@ -146,7 +146,6 @@ def make_targets(
     Args:
         time: on the sender's clock [s], or None.
         targets: task name to a mapping of "position", "orientation" or both.
-        layout: of the tasks.
 
     Raises:
         MessageError: as `parse`.
@@ -226,7 +225,6 @@ def as_targets(x: np.ndarray, layout: TaskLayout) -> dict[str, dict]:
 
     Args:
         x: (size_x,) of the tasks, or longer.
-        layout: of the tasks.
     """
     numbers = iter(x.round(9).tolist())
     return {

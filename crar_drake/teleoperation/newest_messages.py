@@ -26,7 +26,6 @@ class NewestMessages:
         """Keeps a datagram.
 
         Args:
-            data: it.
             sender: whose it is.
             driver: of all senders who is never forgotten.
 

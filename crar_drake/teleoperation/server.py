@@ -173,7 +173,6 @@ class TeleoperationServer:
     ) -> None:
         """
         Args:
-            motion: the robot.
             gate: what a target may be.
             host, port: see `listen`.
             lcm_url: "" for no LCM.

@@ -51,13 +51,10 @@ def final_line(violated: list[str], bad: int = 0) -> int:
 
 
 def tell_failure(error: BaseException) -> int:
-    """Says on stderr why a command failed.
+    """Says on stderr why a command failed; returns its exit code.
 
     Args:
         error: that ended it; of a kind that no user makes, its traceback is printed.
-
-    Returns:
-        The exit code.
     """
     if isinstance(error, KeyboardInterrupt):
         about = f" {error}" if str(error) else ""

@@ -80,7 +80,7 @@ def govern_tasks(
     bounds: TargetBounds,
     h: float,
 ) -> np.ndarray:
-    """The governed targets of this instant.
+    """The governed targets of this instant, (size,) [x; v; a].
 
     Args:
         desired: (size,) [x_d; v_d; a_d] as given, see `TaskLayout`. Where it has a
@@ -89,9 +89,6 @@ def govern_tasks(
             `start_governor`.
         rows: which rows belong to which task; joints are passed as they are.
         h: control period [s].
-
-    Returns:
-        (size,) [x; v; a], an array of its own.
     """
     governed = desired.copy()
     m = num_rows(rows)
@@ -167,16 +164,13 @@ def govern_position(
     A: float,
     h: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The governed target of a position.
+    """The governed target of a position: p, v, a (3,).
 
     Args:
         x_d, v_d, a_d: (3,) target [m], its velocity and its acceleration.
         p0, v0, a0: (3,) what this function returned one period before.
         V, A: bounds on speed and acceleration; one of them may be infinite.
         h: control period [s].
-
-    Returns:
-        p, v, a (3,).
     """
     size = _length(x_d) + _length(p0)
     if _is_within(v_d, a_d, V, A) and _is_step(

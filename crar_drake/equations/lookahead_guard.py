@@ -271,14 +271,11 @@ def step_bounds(
 
 @compiled
 def share_within(s: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> float:
-    """The largest share of s that is within bounds with 0 between them.
+    """The largest share of s, in [0, 1], that is within bounds with 0 between them.
 
     Args:
         s: (nv,) [rad/s].
         lowest, highest: (n,) bounds of the first n [rad/s].
-
-    Returns:
-        in [0, 1].
     """
     share = 1.0
     for i in range(len(lowest)):

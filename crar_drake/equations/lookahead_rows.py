@@ -185,15 +185,12 @@ def weighed_margins(
 def row_weights(
     h: np.ndarray, d_min: float, rho: float, alpha: float, beta: float
 ) -> np.ndarray:
-    """(L5): omega, the magnitude of Eq. (23) at the margin eta = h - d_min.
+    """(L5): omega (R,), the magnitude of Eq. (23) at the margin eta = h - d_min.
 
     Args:
         h: (R,) distances at rest, `weighed_margins` [m].
         d_min: distance to keep [m].
         rho, alpha, beta: amplitude, decay [1/m] and exponent of Eq. (22).
-
-    Returns:
-        (R,) finite: eta counts as at least SMALLEST_MARGIN.
     """
     eta = np.maximum(h - d_min, SMALLEST_MARGIN)
     return rho * np.exp(-alpha * eta) * eta**-beta * (beta / eta + alpha)

@@ -22,15 +22,12 @@ from crar_drake.equations.vectors import times
 def reference_velocity(
     v_d: np.ndarray, e: np.ndarray, K: float | np.ndarray
 ) -> np.ndarray:
-    """Eq. (9), in brackets: v_d + K e, also the right-hand side of Eq. (15).
+    """Eq. (9), in brackets: v_d + K e, also the right side of Eq. (15), (m,).
 
     Args:
         v_d: (m,) desired task velocity [rad/s, m/s].
         e: (m,) task error of Eq. (11) [rad, m].
         K: gain, a scalar or (m,) [1/s].
-
-    Returns:
-        (m,) [rad/s, m/s].
     """
     return v_d + K * e
 
@@ -44,7 +41,7 @@ def reference_acceleration(
     Kp: float | np.ndarray,
     Kv: float | np.ndarray,
 ) -> np.ndarray:
-    """Eq. (14): a_r = a_d + Kv (v_d - v) + Kp e.
+    """Eq. (14): a_r = a_d + Kv (v_d - v) + Kp e, (m,) [rad/s^2, m/s^2].
 
     Args:
         a_d: (m,) desired task acceleration [rad/s^2, m/s^2].
@@ -53,9 +50,6 @@ def reference_acceleration(
         e: (m,) task error of Eq. (11) [rad, m].
         Kp: gain, a scalar or (m,) [1/s^2].
         Kv: gain, a scalar or (m,) [1/s].
-
-    Returns:
-        (m,) [rad/s^2, m/s^2].
     """
     return a_d + Kv * (v_d - v) + Kp * e
 
@@ -136,7 +130,7 @@ def error_from_targets(
 
 @compiled
 def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarray:
-    """x_0 of `References`: what the tasks that are joints ask of these, else 0.
+    """x_0 of `References`, (n,): what tasks that are joints ask of these; (0,) without.
 
     Eq. (34) damps x of J x = b towards 0, and so biases a joint, whose row is a unit
     vector: x = b / (1 + lambda^2). It is damped towards x_0 instead,
@@ -149,9 +143,6 @@ def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarr
     Args:
         of_rows: (m,) right-hand side of a level, without weights.
         n: number of controlled joints.
-
-    Returns:
-        (n,); (0,) where no task is a joint.
     """
     count = len(rows.joints)
     x_0 = np.zeros(n if count else 0)
@@ -164,15 +155,12 @@ def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarr
 def posture_acceleration(
     targets: np.ndarray, q: np.ndarray, qdot: np.ndarray, stiffness: float
 ) -> np.ndarray:
-    """A critically damped pull towards a posture, for the null space (Eq. (33)).
+    """A critically damped pull towards a posture, of the null space (Eq. (33)), (n,).
 
     Args:
         targets: (n,) positions [rad].
         q, qdot: (n,) present positions [rad] and velocities [rad/s].
         stiffness: [1/s^2].
-
-    Returns:
-        (n,) [rad/s^2].
     """
     return stiffness * (targets - q) - 2.0 * np.sqrt(stiffness) * qdot
 

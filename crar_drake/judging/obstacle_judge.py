@@ -161,15 +161,12 @@ class ObstacleJudge:
     def judge(
         self, q: np.ndarray, v: np.ndarray, spheres: np.ndarray, harmless: float
     ) -> list[Contacts]:
-        """Judges a trajectory.
+        """Judges a trajectory, by sphere.
 
         Args:
             q, v: (T, nq), (T, nv) the states.
             spheres: (T, N, 4) centre and radius of each [m].
             harmless: the speed that is [m/s].
-
-        Returns:
-            (N,) of each sphere.
         """
         count = spheres.shape[1]
         low, link, at = np.full(count, np.inf), [""] * count, np.zeros(count, int)

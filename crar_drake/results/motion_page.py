@@ -119,7 +119,7 @@ def compare_motions(
     overlay: bool = False,
     meshcat: Meshcat | None = None,
 ) -> list[ReferenceVerdict]:
-    """Judges motions of one robot, and writes the page of them.
+    """Judges motions of one robot, and writes the page of them; their verdicts.
 
     Args:
         motions: at least two and at most as many as `marks.RUNS`, with their joints in
@@ -128,9 +128,6 @@ def compare_motions(
         labels: what to call each.
         overlay: whether they are laid over each other when the page opens.
         meshcat: to draw into; by default one of its own.
-
-    Returns:
-        What was found of each.
 
     Raises:
         CrarError: there are too few or too many.

@@ -42,15 +42,12 @@ def judge_obstacles(
     scene_graph: SceneGraph,
     pairs: Iterable[Sequence[str]],
 ) -> dict[str, ObstacleFigures]:
-    """Judges all samples of a log.
+    """Judges all samples of a log, by the obstacles' names.
 
     Args:
         scenario: of the log, with the obstacles' names and the speed that is harmless.
         plant, scene_graph: with its robot.
         pairs: of links that are watched.
-
-    Returns:
-        By the obstacles' names; empty if there are none.
     """
     known = np.isfinite(log.q).all(axis=1) & np.isfinite(log.v).all(axis=1)
     if not log.obstacles.size or not known.any():

@@ -227,7 +227,7 @@ def AddMeasurement(
     period: float,
     per_control_period: int = 1,
 ) -> OutputPort:
-    """Adds what lies between the plant's state and the controller, if anything.
+    """Adds what lies between the plant's state and the controller; the port of that.
 
     Args:
         builder: of the diagram that owns the plant.
@@ -235,9 +235,6 @@ def AddMeasurement(
         disturbances: noise and delay.
         period: between measurements [s].
         per_control_period: measurements in a control period, the delay's unit.
-
-    Returns:
-        The port of the measured state.
     """
     time_step = plant.time_step()
     if time_step and period != time_step:

@@ -238,9 +238,6 @@ class TeleoperationServer:
             every: how often [s].
             asked: whether somebody asks it to end.
 
-        Returns:
-            The statistics.
-
         Raises:
             ScenarioError: the robot cannot start where it says it is.
         """

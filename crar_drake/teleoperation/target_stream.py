@@ -68,16 +68,13 @@ class TargetStream:
         here: np.ndarray,
         sender: object = None,
     ) -> bool:
-        """Judges each target of a message, and keeps what is not rejected.
+        """Judges each target of a message; whether any was kept.
 
         Args:
             message: that arrived.
             now: on our clock, when it did [s].
             here: (layout.size,) [x; ...] where the robot's points are.
             sender: each has a clock of its own.
-
-        Returns:
-            Whether any of them was kept.
         """
         kept = False
         sent = now if message.time is None else message.time

@@ -52,8 +52,9 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
+from crar_drake.equations.free_joints import turn_between, turned, turned_by_plant
 from crar_drake.equations.tasks import TaskRows, num_rows
-from crar_drake.equations.vectors import cross, dot
+from crar_drake.equations.vectors import dot
 
 # Bounds that a target keeps but for rounding are kept.
 _ROUNDING = 1e-6
@@ -148,7 +149,7 @@ def start_governor(
         at = rows.angular_rows[3 * i : 3 * i + 3]
         v = _at_most(velocity[at], bounds.angular_speed)
         before[at_v + at] = v
-        before[x] = _turned(pose[x], -h * v)
+        before[x] = turned(pose[x], -h * v)
     return before
 
 
@@ -216,9 +217,9 @@ def govern_orientation(
     # Seen from a frame that turns, an acceleration is another: A h^2/2 and so much.
     turn = h * (_length(v0) + _length(v_d))
     if _is_within(v_d, a_d, V, A) and _is_step(
-        _between(p0, x_d),
-        _between(_turned(p0, h * v0), x_d),
-        _between(_turned(p0, h * v_d), x_d),
+        turn_between(p0, x_d),
+        turn_between(turned(p0, h * v0), x_d),
+        turn_between(turned(p0, h * v_d), x_d),
         v_d - v0,
         np.pi,
         turn,
@@ -228,14 +229,14 @@ def govern_orientation(
     ):
         return x_d, v_d, a_d
     a0, v = _go_on(v0, a0, V, h)
-    p = _turned(p0, _turn(v0, a0, h))
+    p = turned_by_plant(p0, v0, a0, h, 0.0)
     v_next, a_next = _at_most(v_d, V), _at_most(a_d, A)
-    x_next = _turned(x_d, _turn(v_next, a_next, h))
+    x_next = turned_by_plant(x_d, v_next, a_next, h, 0.0)
     v_next = _at_most(v_next + h * a_next, V)
     if _is_step(
-        _between(p, x_next),
-        _between(_turned(p, h * v), x_next),
-        _between(_turned(p, h * v_next), x_next),
+        turn_between(p, x_next),
+        turn_between(turned(p, h * v), x_next),
+        turn_between(turned(p, h * v_next), x_next),
         v_next - v,
         np.pi,
         h * (_length(v) + _length(v_next)),
@@ -244,7 +245,7 @@ def govern_orientation(
         h,
     ):
         return p, v, (v_next - v) / h
-    G = _between(_turned(p, (0.5 * h) * (v + v_next)), x_next)
+    G = turn_between(turned(p, (0.5 * h) * (v + v_next)), x_next)
     return p, v, _chase(G, v, v_next, _length(a_next), V, A, h)
 
 
@@ -348,39 +349,3 @@ def _at_most(x: np.ndarray, bound: float) -> np.ndarray:
     """x (3,), shortened to the bound where it is longer."""
     length = _length(x)
     return x * (bound / length) if length > bound else x
-
-
-@compiled
-def _turn(omega: np.ndarray, alpha: np.ndarray, h: float) -> np.ndarray:
-    """Rotation vector (3,) of a period's turn from omega with alpha, in W.
-
-    The first two terms of the Magnus expansion: the error is of fifth order in h.
-    """
-    return h * omega + (0.5 * h * h) * alpha + (h**3 / 12.0) * cross(alpha, omega)
-
-
-@compiled
-def _turned(quaternion: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    """exp(phi) times a quaternion (4,), a unit quaternion; phi (3,) in W [rad]."""
-    angle = _length(phi)
-    half = 0.5 * angle
-    s = 0.5 - angle * angle / 48.0 if angle < 1e-4 else np.sin(half) / angle
-    c = np.cos(half)
-    w, u = quaternion[0], quaternion[1:]
-    turn = s * phi
-    vector = c * u + w * turn + cross(turn, u)
-    turned = np.array([c * w - dot(turn, u), vector[0], vector[1], vector[2]])
-    return turned / np.sqrt((turned * turned).sum())
-
-
-@compiled
-def _between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """phi (3,) of end = exp(phi) start, up to the quaternions' lengths; |phi| <= pi."""
-    w = start[0] * end[0] + dot(start[1:], end[1:])
-    u = start[0] * end[1:] - end[0] * start[1:] - cross(end[1:], start[1:])
-    sine = _length(u)
-    if w < 0.0:
-        w, u = -w, -u
-    if sine < 1e-12 * w:
-        return u * (2.0 / w)
-    return u * (2.0 * np.arctan2(sine, w) / sine)

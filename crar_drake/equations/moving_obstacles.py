@@ -31,6 +31,7 @@ from crar_drake.equations.lookahead_rows import (
     pair_constraints,
     pair_margins,
 )
+from crar_drake.equations.path_balls import least_length
 from crar_drake.equations.vectors import times
 
 # A line is halved so often before a link that is not shown to be clear counts as not;
@@ -261,12 +262,8 @@ def links_near(
             z = start[i, 2] - spheres.centre[k, 2] - 0.5 * c
             u, v = end[i, 0] - start[i, 0], end[i, 1] - start[i, 1]
             w = end[i, 2] - start[i, 2]
-            here, towards = x * x + y * y + z * z, x * u + y * v + z * w
-            if towards < 0.0:
-                way = u * u + v * v + w * w
-                t = min(-towards / way, 1.0)
-                here = max(here + t * (2.0 * towards + t * way), 0.0)
-            apart = np.sqrt(here) - links.radius[i] - bend[i] - r - V * seconds[i]
+            apart = least_length(x, y, z, u, v, w) - links.radius[i] - bend[i]
+            apart = apart - r - V * seconds[i]
             # A bound that is none (NaN) shows nothing.
             if apart >= enough:
                 low = min(low, apart)

@@ -4,7 +4,7 @@ import hashlib
 import os
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -28,11 +28,6 @@ def label(path: str | Path) -> Path:
         digits = hashlib.sha256(os.fsencode(folder)).hexdigest()[:6]
         folder = Path(f"{folder.name or 'root'}-{digits}")
     return folder / path.stem
-
-
-def motion_label(motion: str) -> str:
-    """`label` of a motion, as text."""
-    return str(label(motion))
 
 
 def final_line(violated: list[str], bad: int = 0) -> int:
@@ -88,6 +83,15 @@ def counted(number: int, what: str, does: str) -> list[str]:
         return []
     one = number == 1
     return [f"{number} {what}{'' if one else 's'} {does.format(s='s' if one else '')}"]
+
+
+def tell_drawn(models: Iterable[str]) -> None:
+    """Warns of models of which a page shows other than their looks."""
+    for model in models:
+        print(
+            f"warning: model {model} has no visual geometry: its collision shapes are "
+            "drawn"
+        )
 
 
 @contextmanager

@@ -268,12 +268,7 @@ def _fields(schema: Any) -> dict[str, Any] | None:
     return None if fields is None else {entry.name: entry.type for entry in fields}
 
 
-_NAMES = {
-    bool: "true or false",
-    int: "a whole number",
-    float: "a number",
-    str: "text",
-}
+_NAMES = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
 
 def _fits(value: Any, kind: type) -> bool:

@@ -94,10 +94,7 @@ def answer(parser: Parser, argv: Sequence[str] | None = None) -> int:
     code = 0
     try:
         arguments = parse(parser, argv)
-        with (
-            _all_ends_as_ctrl_c(),
-            collected_warnings(verbose=arguments.verbose),
-        ):
+        with _all_ends_as_ctrl_c(), collected_warnings(verbose=arguments.verbose):
             code = arguments.command(arguments) or 0
         sys.stdout.flush()
     except BrokenPipeError:  # of `crar-drake list | head`

@@ -8,12 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crar_drake.commands.clean import (
-    add_balance,
-    balance_lines,
-    clip_lines,
-    violations,
-)
+from crar_drake.commands.clean import add_balance, balance_lines, clip_lines, violations
 from crar_drake.commands.folders import files_bar, frames_bar, report_files
 from crar_drake.commands.options import (
     FILE_OPTIONS,
@@ -114,11 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
         out = out / Path(name).name
     with frames_bar() as progress:
         clip = retarget_file(
-            arguments.motion,
-            out,
-            arguments.robot,
-            progress=progress,
-            **options,
+            arguments.motion, out, arguments.robot, progress=progress, **options
         )
     for line in _lines(clip):
         print(line)

@@ -17,11 +17,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.judging.judged_pairs import pairs_beyond_one_joint
-from crar_drake.judging.mesh_distance import (
-    TriangleMesh,
-    distance_apart,
-    mesh_distance,
-)
+from crar_drake.judging.mesh_distance import TriangleMesh, distance_apart, mesh_distance
 from crar_drake.judging.mesh_hulls import HULL_MARGIN, Hulls
 from crar_drake.robot.description import (
     RobotDescription,

@@ -13,10 +13,7 @@ from crar_drake.errors import MotionError, nearest
 from crar_drake.motion.performer import JOINTS, SIDES
 from crar_drake.yaml_files import load_yaml, read_text
 
-_SIDE_WORDS = {
-    "left": ("left", "lft", "lt", "l"),
-    "right": ("right", "rgt", "rt", "r"),
-}
+_SIDE_WORDS = {"left": ("left", "lft", "lt", "l"), "right": ("right", "rgt", "rt", "r")}
 
 # A joint with one of these words in its name is none of the body's own.
 _OTHERS = frozenset(
@@ -169,8 +166,7 @@ def _limbs(parts: Mapping[str, int]) -> dict[str, int]:
 
 # Each joint, and the thumbs, to the file's name for it; "" keeps the match.
 JointFile = make_dataclass(
-    "JointFile",
-    [(joint, str, "") for joint in (*JOINTS, "left_thumb", "right_thumb")],
+    "JointFile", [(joint, str, "") for joint in (*JOINTS, "left_thumb", "right_thumb")]
 )
 
 

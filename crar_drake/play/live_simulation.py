@@ -25,11 +25,7 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import Push, ScaleMasses, applied_force
-from crar_drake.simulation.moving_obstacles import (
-    MovingObstacle,
-    ObstacleSource,
-    Place,
-)
+from crar_drake.simulation.moving_obstacles import MovingObstacle, ObstacleSource, Place
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.targets.desired_motion import DesiredMotion
 

@@ -202,9 +202,7 @@ def _subtitle(summaries: Sequence[Summary]) -> str:
         f"{summaries[0].duration:.1f} s",
     ]
     shared = zip(
-        traits,
-        ("constraints", "level", "experiment", "duration"),
-        strict=True,
+        traits, ("constraints", "level", "experiment", "duration"), strict=True
     )
     return " · ".join(
         text

@@ -21,12 +21,7 @@ from crar_drake.files import write_whole
 from crar_drake.results import marks
 from crar_drake.results.packed_page import packed_array, packed_page
 from crar_drake.results.recorded_run import DrawnRobot, RecordedRun
-from crar_drake.simulation.visuals import (
-    GRID,
-    VIEW_PITCH,
-    VIEW_YAW,
-    set_surroundings,
-)
+from crar_drake.simulation.visuals import GRID, VIEW_PITCH, VIEW_YAW, set_surroundings
 
 _SCRIPTS = ("view.js", "marks.js", "timeline.js", "page.js")
 

@@ -219,10 +219,7 @@ def _draw(
 
 
 def record_run(
-    log: SimulationLog,
-    robot: DrawnRobot,
-    scenario: Scenario,
-    frames_per_second: float,
+    log: SimulationLog, robot: DrawnRobot, scenario: Scenario, frames_per_second: float
 ) -> RecordedRun:
     """Computes the frames of a run.
 

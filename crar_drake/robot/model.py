@@ -449,11 +449,9 @@ class ControlModel:
         self.num_free = int(root is not None)
         given = plant, moved, root, description.prescribed_root
         self.controlled, self.prescribed, self.unactuated = find_places(*given)
-        (
-            self.controlled_positions,
-            self.prescribed_positions,
-            self.root_positions,
-        ) = find_places(*given, of_positions=True)
+        (self.controlled_positions, self.prescribed_positions, self.root_positions) = (
+            find_places(*given, of_positions=True)
+        )
         names = names_by_joint(plant)
         try:
             self._actuators = Actuators(plant, names, self.unactuated)

@@ -82,10 +82,7 @@ def find_reaches(
 
 
 def chain_reaches(
-    joints: JointTree,
-    order: np.ndarray,
-    body: RigidBody,
-    ends: Sequence[np.ndarray],
+    joints: JointTree, order: np.ndarray, body: RigidBody, ends: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """How far joints can move points of a body, with all slides at zero.
 

@@ -61,9 +61,7 @@ def check_installed() -> None:
 
 
 def read_link_meshes(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    links: Collection[str] | None = None,
+    plant: MultibodyPlant, scene_graph: SceneGraph, links: Collection[str] | None = None
 ) -> list[LinkMesh]:
     """Reads the visual shapes of each link of a finalized plant, or if it has none its
     collision shapes.

@@ -8,11 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, RigidBody
 from scipy.spatial import ConvexHull, QhullError
 
-from crar_drake.robot_import.link_meshes import (
-    LinkMesh,
-    has_meshes,
-    read_link_meshes,
-)
+from crar_drake.robot_import.link_meshes import LinkMesh, has_meshes, read_link_meshes
 from crar_drake.robot_import.meshes import vertices_of
 
 
@@ -25,9 +21,7 @@ class LinkOutline:
 
 
 def link_outlines(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    meshes: list[LinkMesh] | None = None,
+    plant: MultibodyPlant, scene_graph: SceneGraph, meshes: list[LinkMesh] | None = None
 ) -> dict[str, LinkOutline]:
     """Link to its outline, of those that have a shape: of a finalized plant whose links
     have meshes (of `read_link_meshes`, if read already), or capsules and spheres."""

@@ -166,10 +166,7 @@ class PairDistances:
 
 
 def nearest_postures(
-    distances: PairDistances,
-    pairs: np.ndarray,
-    q: np.ndarray,
-    enough: float = -np.inf,
+    distances: PairDistances, pairs: np.ndarray, q: np.ndarray, enough: float = -np.inf
 ) -> tuple[np.ndarray, np.ndarray]:
     """Local minima of pairs' distances within the joints' limits.
 

@@ -11,12 +11,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from crar_drake.files import whole_file
 from crar_drake.robot_import.capsule_fitting import Capsules, FittedCapsule
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.source_robot import (
-    WORLD,
-    Inertia,
-    Positions,
-    SourceRobot,
-)
+from crar_drake.robot_import.source_robot import WORLD, Inertia, Positions, SourceRobot
 
 # Prescribed joint -> (type, axis, what of the motion drives it).
 BASE_JOINTS = {

@@ -8,11 +8,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import (
-    Diagram,
-    DiagramBuilder,
-    OutputPort,
-)
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.lcm import ApplyLcmBusConfig
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from pydrake.visualization import ApplyVisualizationConfig

@@ -247,10 +247,7 @@ def AddMeasurement(
         # A turn by an angle changes a quaternion by half of it.
         of_positions[start : start + 4] *= 0.5
     deviations = np.concatenate(
-        [
-            of_positions,
-            np.full(plant.num_velocities(), disturbances.velocity_noise),
-        ]
+        [of_positions, np.full(plant.num_velocities(), disturbances.velocity_noise)]
     )
     delay = disturbances.delay_periods * per_control_period
     if not deviations.any() and not delay:

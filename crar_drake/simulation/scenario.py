@@ -268,12 +268,7 @@ class Scenario:
             MotionError: a unit or an axis is none.
         """
         return MotionOptions(
-            self.skeleton,
-            self.frame_rate,
-            self.unit,
-            self.up,
-            self.facing,
-            self.joints,
+            self.skeleton, self.frame_rate, self.unit, self.up, self.facing, self.joints
         )
 
     def task_list(self) -> list[Task]:

@@ -27,11 +27,7 @@ _OF_WEIGHTS = ("rho", "rho_limits")
 
 
 def run_warnings(
-    scenario: Scenario,
-    setup: Setup,
-    report: MotionReport | None,
-    *,
-    recorded: bool,
+    scenario: Scenario, setup: Setup, report: MotionReport | None, *, recorded: bool
 ) -> list[str]:
     """Lines to show beside a run's figures, most often none.
 

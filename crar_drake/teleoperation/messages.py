@@ -104,9 +104,7 @@ class ObstacleMessage:
 
 
 def parse(
-    line: bytes,
-    layout: TaskLayout,
-    joints: Collection[str] = (),
+    line: bytes, layout: TaskLayout, joints: Collection[str] = ()
 ) -> TargetMessage | Measured | ObstacleMessage | Describe | Drive:
     """Reads one line.
 

@@ -22,17 +22,9 @@ from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.free_joints import displaced, displacement
 from crar_drake.equations.hull_distances import corners_of, shadow_rates
 from crar_drake.equations.kinematics import Robot
-from crar_drake.equations.placed_shapes import (
-    distances_at,
-    own_velocities,
-    place_pairs,
-)
+from crar_drake.equations.placed_shapes import distances_at, own_velocities, place_pairs
 from crar_drake.equations.prediction import next_state
-from crar_drake.equations.vectors import (
-    put,
-    put_at,
-    transposed_times,
-)
+from crar_drake.equations.vectors import put, put_at, transposed_times
 
 # How a step was admitted.
 AS_NOMINAL = 0.0
@@ -210,7 +202,22 @@ def velocity_bounds(
     return np.minimum(low, 0.0), np.maximum(high, 0.0)
 
 
-def _path_curvature_loops(x, pairs, reaches):
+@compiled(loops=True)
+def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.ndarray:
+    """(A3): the largest acceleration of a pair's shapes to each other, (k,) [m].
+
+    If all joints move at the constant rates x, a point that joints i carry moves with
+    the acceleration sum x_i^2 a_i x (a_i x r_i) + 2 sum_(j above i) x_j x_i a_j x
+    (a_i x r_i), r_i from joint i's axis to the point: at most
+
+        sum_i |x_i| rho_i (|x_i| + 2 sum_(j above i) |x_j|),    rho_i >= |a_i x r_i|.
+
+    Seen from what carries both shapes only the joints count that move one alone.
+
+    Args:
+        x: (nv,) what each joint moves on the path [rad, m].
+        pairs: (k,) which.
+    """
     curvature = np.empty(len(pairs))
     of_shape = np.empty(2)
     own = np.empty(len(x), dtype=np.int64)  # the joints that move the shape alone
@@ -234,32 +241,6 @@ def _path_curvature_loops(x, pairs, reaches):
                 of_shape[shape] += rho[i] * abs(x[i]) * (abs(x[i]) + 2.0 * before)
         curvature[k] = of_shape[0] + of_shape[1]
     return curvature
-
-
-@compiled(loops=_path_curvature_loops)
-def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.ndarray:
-    """(A3): the largest acceleration of a pair's shapes to each other, (k,) [m].
-
-    If all joints move at the constant rates x, a point that joints i carry moves with
-    the acceleration sum x_i^2 a_i x (a_i x r_i) + 2 sum_(j above i) x_j x_i a_j x
-    (a_i x r_i), r_i from joint i's axis to the point: at most
-
-        sum_i |x_i| rho_i (|x_i| + 2 sum_(j above i) |x_j|),    rho_i >= |a_i x r_i|.
-
-    Seen from what carries both shapes only the joints count that move one alone.
-
-    Args:
-        x: (nv,) what each joint moves on the path [rad, m].
-        pairs: (k,) which.
-    """
-    pairs = reaches.own[pairs]
-    speed, above = np.abs(x), reaches.above.T
-    own = reaches.a[pairs] * speed
-    before = (reaches.a_alone[pairs] * speed) @ above
-    curvature = (own * (speed + 2.0 * before)).sum(axis=1)
-    own = reaches.b[pairs] * speed
-    before = (reaches.b_alone[pairs] * speed) @ above
-    return curvature + (own * (speed + 2.0 * before)).sum(axis=1)
 
 
 @compiled

@@ -389,12 +389,7 @@ def guard_rows(
     dd_dv = distance_gradient_about_origin(normal, p_WA, S, pairs.moves)
     h = pair_margins(d.reshape(2, -1), dd_dv, v, T)
     constraints = pair_constraints(
-        h,
-        h,
-        dd_dv.reshape(len(h), n),
-        margin_curvature(dd_dv, v),
-        np.zeros(n),
-        gains,
+        h, h, dd_dv.reshape(len(h), n), margin_curvature(dd_dv, v), np.zeros(n), gains
     )
     near = np.flatnonzero(h < gains.influence_distance)
     return constraints, np.concatenate((rows, rows))[near]

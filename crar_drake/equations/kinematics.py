@@ -21,12 +21,7 @@ from crar_drake.equations.capsule_distances import nearest_of_pairs
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.tasks import TaskRows, rotation_from_quaternion, stack_rows
-from crar_drake.equations.vectors import (
-    cross_rows,
-    product,
-    sparse_product,
-    transposed,
-)
+from crar_drake.equations.vectors import cross_rows, product, sparse_product, transposed
 
 
 class Tree(NamedTuple):

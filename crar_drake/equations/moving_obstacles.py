@@ -522,11 +522,7 @@ def command_line(q: np.ndarray, v_next: np.ndarray, law: Held) -> Line:
 
 @compiled
 def are_clear(
-    q: np.ndarray,
-    v: np.ndarray,
-    spheres: Spheres,
-    robot: Held,
-    law: Held,
+    q: np.ndarray, v: np.ndarray, spheres: Spheres, robot: Held, law: Held
 ) -> np.ndarray:
     """(N,) bool, of which spheres the state (n,), (n,) is shown to be clear: (M2)."""
     line, levels = braking_line(q, v, law), floors(spheres, law)

@@ -75,10 +75,7 @@ def acceleration_level_acceleration(
 
 @compiled
 def constrained_resolved_acceleration(
-    alpha: np.ndarray,
-    qdot_c: np.ndarray,
-    qdot: np.ndarray,
-    Gv: float | np.ndarray,
+    alpha: np.ndarray, qdot_c: np.ndarray, qdot: np.ndarray, Gv: float | np.ndarray
 ) -> np.ndarray:
     """Eqs. (12), (30): alpha_c = alpha + Gv (q_dot_c - q_dot), (n,).
 

@@ -31,13 +31,7 @@ import numpy as np
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.one_sided import one_sided_minimum
 from crar_drake.equations.prediction import state_ahead
-from crar_drake.equations.vectors import (
-    identity,
-    largest,
-    put_at,
-    sum_rows,
-    times,
-)
+from crar_drake.equations.vectors import identity, largest, put_at, sum_rows, times
 
 # Share of a limit that braking in the next step may need [1]: the rest is for what
 # changes in between, of Coriolis forces and gravity.

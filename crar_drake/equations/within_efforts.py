@@ -472,10 +472,4 @@ def limited_acceleration(
         r.order,
         r.turn,
     )
-    return (
-        chosen,
-        tau,
-        np.array([share, excess]),
-        after,
-        admission,
-    )
+    return (chosen, tau, np.array([share, excess]), after, admission)

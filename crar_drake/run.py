@@ -223,7 +223,6 @@ def check_size(scenario: Scenario, setup: Setup, duration: float, record: bool) 
     """Better to know before a simulation of days than from the system that ends it.
 
     Args:
-        scenario: to be run.
         duration: of the run [s].
         record: whether it is recorded.
 

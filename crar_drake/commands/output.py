@@ -75,7 +75,6 @@ def counted(number: int, what: str, does: str) -> list[str]:
     """ "3 samples penetrate", as the only entry; of none, no entry.
 
     Args:
-        number: how many.
         what: they are, in the singular.
         does: what they do, in the plural; "{s}" in it is s for one.
     """

@@ -485,7 +485,7 @@ def examine_present(
     ends = d[:, reaches.value.rows]
     low = 0.5 * (ends[0] + ends[1] - travel(x, here))
     level = np.full(len(low), gains.floor)
-    needed = gains.floor + travel(step_reach(s, gains) * s, beyond)
+    needed = gains.floor + travel(step_reach(gains) * s, beyond)
     # A distance that is none (NaN) is below whatever is needed.
     found = path_bounds(q, x, straight, level - ROUNDING, ~(low >= needed), r, here)
     held = True
@@ -500,7 +500,7 @@ def examine_present(
 
 
 @compiled
-def step_reach(s: np.ndarray, gains: AdmissionGains) -> float:
+def step_reach(gains: AdmissionGains) -> float:
     """(A6): the next braking path is nowhere farther than this times s from the present
     one, period + e of `next_path` [s]."""
     return gains.period + 0.5 * gains.period * (gains.period + gains.step) / gains.T
@@ -546,7 +546,7 @@ def check_step(
     straight = np.zeros(len(x))
     reaches = reaching(q, T * v, straight, reaches, r.turn)
     reaches = reaching(start, x, straight, reaches, r.turn)
-    near = present.low - travel(step_reach(s, gains) * s, reaches)
+    near = present.low - travel(step_reach(gains) * s, reaches)
     bounds = path_bounds(start, x, straight, level, ~(near >= level), r, reaches)
     clear = not (bounds.at >= 0.0).any()
     clearance = np.inf

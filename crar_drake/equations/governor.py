@@ -276,7 +276,6 @@ def _is_step(
         change: (3,) of the velocity.
         size: of the numbers that the first three are differences of.
         turn: share by which A h^2/2 may be more.
-        V, A, h: bounds, period.
     """
     slack, rounding = 1.0 + _ROUNDING, _RESOLUTION * size
     bend = slack * (1.0 + turn) * 0.5 * A * h * h + rounding
@@ -320,7 +319,6 @@ def _chase(
         v: (3,) velocity now.
         v_next: (3,) of the target at the end of the period, within V.
         a_target: magnitude of the target's acceleration, within A.
-        V, A, h: bounds, period.
     """
     # More than this is never needed: any velocity becomes any other in a period.
     A = min(A, 4.0 * V / h)

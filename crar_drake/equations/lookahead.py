@@ -68,7 +68,6 @@ def lookahead_step(
     """(L3)-(L13) in their order: one control step of the mode.
 
     Args:
-        measured: the state, and q_s.
         robot: holds a `Robot` with a row for each pair of shapes.
         mode: holds `LookaheadNumbers`.
         before: of the step before; at the first, with q_dot itself and zeros, so that

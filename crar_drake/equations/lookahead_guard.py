@@ -228,7 +228,6 @@ def correction(
 
     Args:
         s: (nv,) velocity of q_s that was checked.
-        n: number of controlled joints.
     """
     period = admission.period
     failed, g = gradients_at(checked.start, checked.x, checked.bounds, r, reaches)

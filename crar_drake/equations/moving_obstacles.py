@@ -365,7 +365,6 @@ def line_bounds(
 
     Args:
         line: the way and the braking path.
-        levels: to be kept.
         quick: whether one that fails is enough to know.
         law: holds `WorldLaw`.
     """
@@ -544,7 +543,6 @@ def present_levels(
     the smallest distance there, less what the sphere comes nearer until then.
 
     Args:
-        line: the present braking path.
         clear: (N,) bool, of which spheres the state is known to be clear.
         law: holds `WorldLaw`.
     """
@@ -584,7 +582,6 @@ def link_gradient(
     """The distance of a link from a sphere, and how the joints change it.
 
     Args:
-        i, o: the link and the sphere.
         at: (P, 3) of `place_links` [m].
         S: (6, n) of `joint_motion` there.
 
@@ -693,7 +690,6 @@ def evading_rows(
     Args:
         q, v: (n,), (n,) state.
         v_next: (n,) the velocity of the command.
-        moving: what is evaded.
         law: holds `WorldLaw`.
 
     Returns:

@@ -132,7 +132,6 @@ def shifted_plan(
 
     Args:
         plan: (N n,) of one period ago; (0,) at a start.
-        n: number of controlled joints.
         period: of the controller [s].
     """
     N = len(preview.times)
@@ -301,7 +300,7 @@ def speed_rows(
 
 @compiled
 def effort_rows(
-    efforts: np.ndarray, qddot_p: np.ndarray, plan: np.ndarray, preview: Preview
+    efforts: np.ndarray, qddot_p: np.ndarray, plan: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(L12): rows as of `rows_ahead` of motors of which the last plan asks for much.
 
@@ -465,7 +464,7 @@ def preview_plan(
     x = possible_motion(x, state.q[:n], limits, gains.nominal_speed_limit, preview)
     rows, least = rows_ahead(state, x, limits, gains, r, numbers.reaches, preview)
     slow, least_slow = speed_rows(state.v[:n], plan, gains.nominal_speed_limit, preview)
-    weak, least_weak = effort_rows(efforts, references.qddot_p, plan, preview)
+    weak, least_weak = effort_rows(efforts, references.qddot_p, plan)
     posture_error = np.zeros(n)
     if len(posture):
         posture_error = state.q[:n] - posture

@@ -142,7 +142,6 @@ def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarr
 
     Args:
         of_rows: (m,) right-hand side of a level, without weights.
-        n: number of controlled joints.
     """
     count = len(rows.joints)
     x_0 = np.zeros(n if count else 0)

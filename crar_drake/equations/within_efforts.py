@@ -83,7 +83,6 @@ def scale_acceleration(
     For what the effort limits have changed after `admit`.
 
     Args:
-        measured: the state, and q_s.
         vdot: (nv,) accelerations in the plant's order.
 
     Returns:
@@ -249,7 +248,6 @@ def within_limits(
 
     Args:
         nominal, v: (nv,) accelerations and velocities, in the robot's order.
-        n: number of the controlled joints.
         efforts: of `limited_acceleration`.
         lowest, highest: (n,) bounds of their accelerations [rad/s^2].
         T, period: [s].

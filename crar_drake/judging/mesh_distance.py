@@ -157,7 +157,6 @@ def mesh_distance(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> flo
 
     Args:
         a, b: the meshes, each in its own frame, A and B.
-        X_AB: pose of B in A.
     """
     gap = distance_apart(a, b, X_AB)
     return gap if gap > 0.0 else -penetration_depth(a, b, X_AB)

@@ -96,7 +96,6 @@ def load_performer(
 
     Args:
         name: a path, `cmu:` and a trial, or a built-in name.
-        options: what the user says of it beyond the file.
 
     Raises:
         MotionError: there is no such motion or skeleton, a file is damaged or has no

@@ -34,7 +34,6 @@ def rate_meant(
     """The rate [Hz] that a file means which states an impossible one, and a sentence.
 
     Args:
-        where: file or motion.
         stated: what the file says, as in "a frame time of 30 s".
         readings: what else the number could be ("a rate", "milliseconds") to the
             rate then [Hz].

@@ -118,7 +118,6 @@ def retarget(
     starts above the origin.
 
     Args:
-        centres: the performer's joint centres.
         lengths: the robot's lengths [m].
         cutoff: of the zero-phase low-pass [Hz].
         waist: (T, 3) the path of the robot's waist, if it is known otherwise [m].

@@ -16,7 +16,6 @@ def hip_turns(performer: Performer, cutoff: float = DEFAULT_CUTOFF) -> np.ndarra
     """How the performer's hips are turned from where they face x, upright.
 
     Args:
-        performer: whose.
         cutoff: of the zero-phase low-pass [Hz].
 
     Returns:

@@ -58,7 +58,6 @@ class MotionClock:
 
         Args:
             time: of the change [s].
-            goal: the rate to go to.
         """
         return MotionClock(time, *self.at(time), goal)
 

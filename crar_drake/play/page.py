@@ -27,7 +27,6 @@ def make_page(live: LiveSimulation, scene: LiveScene, meshcat_port: int) -> str:
     """The page as HTML.
 
     Args:
-        live: the simulation.
         meshcat_port: of Meshcat, at the same host as the page.
     """
     layout, scenario = live.model.layout, live.scenario

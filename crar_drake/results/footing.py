@@ -74,7 +74,6 @@ def lowest_point(
 
     Args:
         log: of a robot the root of which a motion moves.
-        robot: that was simulated.
         start: as in `footing`.
 
     Raises:
@@ -89,7 +88,6 @@ def footing(log: SimulationLog, robot: WholeBody, start: float = 0.0) -> Footing
 
     Args:
         log: of a robot the root of which floats.
-        robot: that was simulated.
         start: what is before is left out, such as blending in [s].
 
     Raises:

@@ -73,7 +73,6 @@ def export_log(
     """Writes the motion of a log into a file, whole or not at all, and returns it.
 
     Args:
-        robot: that was simulated.
         layout: its name.
         rate: samples per second, along splines [Hz]; by default the log's.
         start: what is before is left out, such as blending in, unless it is all [s].

@@ -47,7 +47,6 @@ def judge_obstacles(
     Args:
         scenario: of the log, with the obstacles' names and the speed that is harmless.
         plant, scene_graph: with its robot.
-        pairs: of links that are watched.
     """
     known = np.isfinite(log.q).all(axis=1) & np.isfinite(log.v).all(axis=1)
     if not log.obstacles.size or not known.any():

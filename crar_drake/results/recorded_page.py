@@ -81,7 +81,6 @@ def write_page(
     """Writes a page, whole or not at all.
 
     Args:
-        path: of the .html file.
         meshcat: from `empty_scene`, in which the robots are drawn.
         robots: in it, each at its `robot_prefix`.
         shown: what moves; at most as many as `marks.RUNS`.

@@ -38,7 +38,6 @@ def stance(log: SimulationLog, model: ControlModel, friction: float) -> Stance:
     Args:
         log: of a run with `standing`.
         model: of the robot that was simulated, whose root floats.
-        friction: of the floor.
 
     Raises:
         ModelError: the robot has no soles on legs.

@@ -211,7 +211,6 @@ def summarize(
         limbs: how far they are off in direction, if it is known.
         lowest: height over the floor [m], link and time [s] of what was lowest, if it
             is known.
-        obstacles: what the judge says of them.
         stance: how it stood, of a robot that stands by itself.
 
     Raises:

@@ -97,8 +97,6 @@ def convex_pieces(
     """The corners (V, 3) of each connected piece's hull, in the mesh's frame [m].
 
     Args:
-        path: of the mesh.
-        scale: to metres.
         hull: whether a piece need not be convex.
 
     Raises:

@@ -225,7 +225,6 @@ class ControlModel:
         Leaves the workspace at that state, which `inverse_dynamics` then uses.
 
         Args:
-            workspace: of this model.
             q: (nq,) positions of the whole plant.
             v: (nv,) velocities of the whole plant.
         """
@@ -271,7 +270,6 @@ class ControlModel:
         """Eq. (20) at a configuration other than the workspace's, which stays.
 
         Args:
-            workspace: of this model.
             q: (nq,) positions of the whole plant.
         """
         context = workspace.plant_context_ahead

@@ -105,8 +105,6 @@ def fit_link(
     """Fits capsules to all parts of a link together.
 
     Args:
-        parts: the link's real look.
-        most: number of capsules.
         excess: that a capsule may stick out of the convex hull [m].
         image: the look of the link's mirror image, brought into its frame. Capsules
             then hold both, and keep the bound to both hulls.

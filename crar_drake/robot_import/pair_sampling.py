@@ -233,7 +233,6 @@ def sample_pairs(
         capsules: their order is that of the pairs.
         rest: (nq,) the rest posture.
         adjacent: pairs that a joint connects, which always touch.
-        samples: number of random postures, from which minimisations start.
         twins: link to the same one of the robot's other side: a pair is watched if its
             image is.
         always_watched: pairs that are watched although nothing was found.

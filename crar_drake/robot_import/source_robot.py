@@ -43,7 +43,6 @@ def drake_shape(
     """What a shape of Drake's is called here; None if it is of no kind above.
 
     Args:
-        X_LG: its pose in the link's frame.
         shape: a mesh of a file, convex points, or a primitive.
         rgba: its colour; None if it has none.
     """

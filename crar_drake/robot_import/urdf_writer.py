@@ -56,7 +56,6 @@ def write_urdf(
             the root link; "floating", the file does not connect it with the world.
         height: of a fixed root link above the ground [m].
         locked: where joints are welded.
-        frames: the motion's points.
         visuals, capsules, inertias: by link; links that are in none are bare.
 
     Returns:

@@ -96,7 +96,6 @@ def applied_force(
 
     Args:
         plant: finalized.
-        task_frames: of the robot description.
         push: whose frame is in the plant.
 
     Raises:
@@ -232,7 +231,6 @@ def AddMeasurement(
     Args:
         builder: of the diagram that owns the plant.
         plant: finalized.
-        disturbances: noise and delay.
         period: between measurements [s].
         per_control_period: measurements in a control period, the delay's unit.
     """

@@ -294,7 +294,6 @@ def check_experiment(experiment: str, description: RobotDescription) -> None:
 
     Args:
         experiment: of a scenario, "" if it lists tasks.
-        description: the robot's.
     """
     needs = ("left_foot", "right_foot", "left_knee", "right_knee")
     missing = [point for point in needs if point not in description.task_frames]
@@ -310,7 +309,6 @@ def check_periods(parameters: CrarParameters, time_step: float) -> None:
     """Raises ScenarioError unless the plant steps at each of the controller's ticks.
 
     Args:
-        parameters: of the controller, validated.
         time_step: as of `check_multiple`.
     """
     check_multiple("controller.period", parameters.period, time_step)

@@ -32,7 +32,6 @@ def run_warnings(
     """Lines to show beside a run's figures, most often none.
 
     Args:
-        scenario: that is run.
         report: of its motion; None with keyframes.
         recorded: whether there is a recording.
     """

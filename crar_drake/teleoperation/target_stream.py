@@ -71,7 +71,6 @@ class TargetStream:
         """Judges each target of a message; whether any was kept.
 
         Args:
-            message: that arrived.
             now: on our clock, when it did [s].
             here: (layout.size,) [x; ...] where the robot's points are.
             sender: each has a clock of its own.

@@ -71,28 +71,6 @@ class MotionClock:
         return MotionClock(*map(float, values))
 
 
-class MotionSwitch:
-    """Turns a motion on and off.
-
-    Attributes:
-        clock: of the motion.
-        on: whether it runs, or is about to.
-    """
-
-    def __init__(self) -> None:
-        self.on, self.clock = True, MotionClock()
-
-    def set(self, on: bool, time: float) -> None:
-        """Lets the motion go on from where it is, or come to rest there.
-
-        Args:
-            time: when [s].
-        """
-        if on != self.on:
-            self.on = on
-            self.clock = self.clock.toward(time, float(on))
-
-
 def turning_time(duration: float) -> float:
     """How long a motion of that duration takes to turn round at an end [s]."""
     return min(_RAMP, duration)

@@ -12,12 +12,12 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import resources
 
 import numpy as np
 from pydrake.geometry import Meshcat
 
 from crar_drake.files import write_whole
+from crar_drake.resources import page_resource
 from crar_drake.results import marks
 from crar_drake.results.packed_page import packed_array, packed_page
 from crar_drake.results.recorded_run import DrawnRobot, RecordedRun
@@ -199,8 +199,3 @@ def _page(meshcat_page: str, data: dict) -> str:
         f'<script type="application/json" id="crar-data">{text}</script>\n'
         f'<script>\n(() => {{\n"use strict";\n{scripts}}})();\n</script>\n{end}{rest}'
     )
-
-
-def page_resource(name: str) -> str:
-    folder = resources.files("crar_drake.results") / "page"
-    return (folder / name).read_text(encoding="utf-8")

@@ -1,6 +1,5 @@
 """The real shape of each link of a plant, as triangles."""
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -60,9 +59,7 @@ def check_installed() -> None:
     )
 
 
-def read_link_meshes(
-    plant: MultibodyPlant, scene_graph: SceneGraph, links: Collection[str] | None = None
-) -> list[LinkMesh]:
+def read_link_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[LinkMesh]:
     """Reads the visual shapes of each link of a finalized plant, or if it has none its
     collision shapes.
 
@@ -71,8 +68,7 @@ def read_link_meshes(
     import makes them. A half space has none and is left out.
 
     Returns:
-        One entry for each link that has a shape, the world among them; or for those of
-        `links` alone.
+        One entry for each link that has a shape, the world among them.
 
     Raises:
         ModelError: a mesh file is not there, cannot be read, or has no triangles; the
@@ -82,8 +78,6 @@ def read_link_meshes(
     meshes = []
     for body in _bodies(plant):
         name = _name(plant, body)
-        if links is not None and name not in links:
-            continue
         shapes = []
         for geometry in _geometries(plant, inspector, body):
             pose = inspector.GetPoseInFrame(geometry)

@@ -165,18 +165,15 @@ class PairDistances:
         )
 
 
-def nearest_postures(
+def least_distances(
     distances: PairDistances, pairs: np.ndarray, q: np.ndarray, enough: float = -np.inf
-) -> tuple[np.ndarray, np.ndarray]:
-    """Local minima of pairs' distances within the joints' limits.
+) -> np.ndarray:
+    """(K,) local minima of pairs' distances within the joints' limits [m].
 
     Args:
         pairs: (K,) which pair to bring together from each start.
         q: (K, nq) the starts.
         enough: distance at which a pair's search ends [m].
-
-    Returns:
-        (K,) the least distances found [m] and (K, nq) where.
     """
     lower, upper = distances.lower, distances.upper
     q = q.copy()
@@ -214,7 +211,7 @@ def nearest_postures(
         gradient[moved] = gradients.reshape(len(_SHARES), len(rows), -1)[
             best, np.arange(len(rows))
         ][better]
-    return d, q
+    return d
 
 
 def sample_pairs(
@@ -258,8 +255,8 @@ def sample_pairs(
         starts = np.concatenate([few, others], axis=1)
         pairs = np.repeat(some, starts.shape[1])
         if len(pairs):
-            d, _ = nearest_postures(distances, pairs, q[starts.ravel()], NEAR)
-            np.minimum.at(least, pairs, d)
+            found = least_distances(distances, pairs, q[starts.ravel()], NEAR)
+            np.minimum.at(least, pairs, found)
     near = {frozenset(candidates[k]) for k in np.flatnonzero(least <= NEAR)}
     near |= always_watched
     near |= {frozenset((twins or {}).get(link, link) for link in pair) for pair in near}

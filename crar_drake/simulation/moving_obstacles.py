@@ -31,9 +31,7 @@ class MovingObstacle:
     # default the largest of the way. It must not be less.
     keyframes: list[Place] = field(default_factory=list)  # where it is when; before the
     # first and after the last it stands
-    start: list[float] = field(
-        default_factory=list
-    )  # of its centre [m], instead of keyframes
+    start: list[float] = field(default_factory=list)  # [m], instead of keyframes
     velocity: list[float] = field(default_factory=list)  # [m/s]
 
     def validate(self) -> None:

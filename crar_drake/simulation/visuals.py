@@ -25,9 +25,7 @@ def models_without_visuals(
     return [plant.GetModelInstanceName(i) for i in _unseen(plant, inspector)]
 
 
-def draw_collision_shapes(
-    plant: MultibodyPlant, scene_graph: SceneGraph
-) -> tuple[str, ...]:
+def draw_collision_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
     """Lets collision shapes be drawn where a model has nothing else.
 
     Half-spaces are left out, since they have no end. Models with any visual geometry
@@ -37,22 +35,17 @@ def draw_collision_shapes(
         plant: finalized.
         scene_graph: where the plant's geometry is registered; there must be no
             context of it yet.
-
-    Returns:
-        The names of those models.
     """
     inspector = scene_graph.model_inspector()
-    unseen = _unseen(plant, inspector)
     illustration, perception = IllustrationProperties(), PerceptionProperties()
     for properties in (illustration, perception):
         properties.AddProperty("phong", "diffuse", COLLISION_COLOR)
     source = plant.get_source_id()
-    for instance in unseen:
+    for instance in _unseen(plant, inspector):
         for geometry in _shapes(plant, inspector, instance, Role.kProximity):
             scene_graph.AssignRole(source, geometry, illustration)
             if inspector.GetPerceptionProperties(geometry) is None:
                 scene_graph.AssignRole(source, geometry, perception)
-    return tuple(plant.GetModelInstanceName(i) for i in unseen)
 
 
 def _unseen(

@@ -38,9 +38,7 @@ class Masses(NamedTuple):
     """
 
     tree: Held  # of a `Tree`
-    velocity: (
-        np.ndarray
-    )  # (N,) which of the plant's velocities moves the frame; 0's any
+    velocity: np.ndarray  # (N,) the index in v of what moves the frame; 0's any
     turn: np.ndarray  # (N, 3) its axis of rotation in the frame, 0 if it only slides
     slide: np.ndarray  # (N, 3) the direction of its slide in the frame, 0 if it turns
     mass: np.ndarray  # (N,) [kg]

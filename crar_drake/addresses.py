@@ -37,7 +37,6 @@ def cannot_listen(what: str, host: str, port: int, error: OSError) -> CrarError:
     Args:
         what: listens, such as "UDP".
         host, port: where it should.
-        error: of the socket.
     """
     wrong_host = isinstance(error, socket.gaierror) or error.errno in (
         errno.EADDRNOTAVAIL,

@@ -27,10 +27,8 @@ def in_batches(
     itself the result is the error.
 
     Args:
-        pool: any executor.
         work: from items to their results, or to those of the first ones, if the others
             are to be done anew.
-        items: to be worked on.
         rest: what `work` is called with besides.
         jobs: how many batches are worked on at a time; by default one per core.
 

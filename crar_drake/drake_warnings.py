@@ -11,7 +11,6 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TextIO
 
 _WIDTH = 100  # of a line
 _LINES = 8  # that are printed, at most
@@ -57,16 +56,14 @@ class DrakeWarnings(logging.Handler):
 
 
 @contextmanager
-def collected_warnings(
-    *, verbose: bool = False, stream: TextIO | None = None
-) -> Iterator[None]:
-    """Keeps Drake quiet within the block, and prints its warnings at the end, short.
+def collected_warnings(*, verbose: bool = False) -> Iterator[None]:
+    """Keeps Drake quiet within the block, and prints its warnings to stderr at the end,
+    short.
 
     What Drake merely announces (Meshcat's address) is not printed.
 
     Args:
         verbose: change nothing: all is printed by Drake itself, at once and whole.
-        stream: to print to; by default stderr.
     """
     if verbose:
         yield
@@ -81,7 +78,7 @@ def collected_warnings(
                     "Drake warns; --verbose prints all of it:",
                     *(f"  {line}" for line in lines),
                     sep="\n",
-                    file=stream or sys.stderr,
+                    file=sys.stderr,
                 )
 
 

@@ -41,7 +41,6 @@ def save_figure(
     the user has chosen for windows plays a part.
 
     Args:
-        figure: to be drawn.
         path: its suffix (.png, .pdf, .svg) chooses the format.
         options: of matplotlib's `Figure.savefig`.
 

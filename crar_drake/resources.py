@@ -45,6 +45,11 @@ def require_packages(
         )
 
 
+def page_resource(name: str, room: str = "results") -> str:
+    """A file that the pages of a room are made of, as text."""
+    return (_PACKAGE / room / "page" / name).read_text(encoding="utf-8")
+
+
 def data_folder(kind: str) -> Path:
     """Returns the folder of the shipped "models" or "diagrams".
 

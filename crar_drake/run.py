@@ -73,19 +73,13 @@ Progress = Callable[[float, float, float], None]
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run leaves.
+    """What a run leaves."""
 
-    Attributes:
-        log: the samples.
-        summary: the figures.
-        setup: what the run was made of.
-        files: what was written, in the order of `run_scenario`; empty if nothing.
-    """
-
-    log: SimulationLog
-    summary: Summary
-    setup: Setup
-    files: list[Path] = field(default_factory=list)
+    log: SimulationLog  # the samples
+    summary: Summary  # the figures
+    setup: Setup  # what the run was made of
+    files: list[Path] = field(default_factory=list)  # what was written, in the order of
+    # `run_scenario`; empty if nothing
 
 
 class RunFailed(CrarError):
@@ -229,8 +223,6 @@ def check_size(scenario: Scenario, setup: Setup, duration: float, record: bool) 
     """Better to know before a simulation of days than from the system that ends it.
 
     Args:
-        scenario: to be run.
-        setup: of the scenario.
         duration: of the run [s].
         record: whether it is recorded.
 
@@ -274,8 +266,6 @@ def make_log(
     """Collects the log of a diagram that was simulated.
 
     Args:
-        scenario: of the diagram.
-        setup: of the scenario.
         diagram: made by `MakeCrarDiagram`.
         context: of the diagram, after the simulation. If that failed while it
             logged a sample, that sample is left out.
@@ -348,9 +338,6 @@ def summary_of(
     """The figures of a run, with what judges say of obstacles and of how it stood.
 
     Args:
-        log: of the run.
-        scenario: of the log.
-        setup: of the scenario.
         stopped: what ended the run before its time, if anything did.
         known: further arguments of `summarize`.
     """

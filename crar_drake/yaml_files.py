@@ -67,7 +67,6 @@ def load_yaml(
         text: YAML, a mapping.
         schema: a dataclass, or a configuration of Drake's.
         source: what to call the text in messages, usually the file's path.
-        error: what to raise.
         manual: where the user finds what such a file holds, for messages.
         defaults: of keys that the text leaves out; by default those of `schema`.
         of_others: the way to settings that the Drake which is installed does not
@@ -268,12 +267,7 @@ def _fields(schema: Any) -> dict[str, Any] | None:
     return None if fields is None else {entry.name: entry.type for entry in fields}
 
 
-_NAMES = {
-    bool: "true or false",
-    int: "a whole number",
-    float: "a number",
-    str: "text",
-}
+_NAMES = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
 
 def _fits(value: Any, kind: type) -> bool:

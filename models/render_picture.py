@@ -32,8 +32,8 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from crar_drake.files import whole_file
-from crar_drake.results.snapshots import look_from
 from crar_drake.robot.description import add_robot, load_robot_description
+from crar_drake.simulation.visuals import look_from
 
 _FLOOR = np.array([0.80, 0.85, 0.87])
 _OVERSAMPLING = 3  # the picture is rendered larger and averaged: smooth edges

@@ -215,8 +215,6 @@ def test_pages_that_docstrings_name_are_links():
 
 
 def test_comments_behind_fields_are_told():
-    source = (
-        'class A(NamedTuple):\n    """A."""\n\n    q: int  # (n,) [m]\n    w: int\n'
-    )
-    assert field_comments(source) == "Attributes:\n    q: (n,) [m]"
+    source = 'class A:\n    """A."""\n\n    q: int  # (n,)\n    # [m]\n    w: int\n'
+    assert field_comments(source) == "Attributes:\n    q: (n,)\n        [m]"
     assert field_comments("class A:\n    q: int\n") == ""

@@ -23,7 +23,7 @@ from benchmarks.sweep.cases import find_motions
 from benchmarks.sweep.command import add_duration, list_of, sweep_bar
 from crar_drake.commands import answer
 from crar_drake.commands.options import Parser, add_jobs, add_what_runs
-from crar_drake.commands.output import OUT, continuing, motion_label
+from crar_drake.commands.output import OUT, continuing, label
 from crar_drake.files import check_folder
 
 
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> None:
     chosen = arguments.motions or ["builtin"]
     motions = [m for name in chosen for m in MOTION_SETS.get(name, (name,))]
     found = find_motions(motions)
-    labels = [motion_label(name).replace(os.sep, "_") for name in chosen]
+    labels = [str(label(name)).replace(os.sep, "_") for name in chosen]
     out = arguments.out or OUT / "reproduce" / "-".join(labels)
     check_folder(out)
     plan = make_plan(found, duration=arguments.duration)

@@ -82,25 +82,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def answer(parser: Parser, argv: Sequence[str] | None = None) -> int:
-    """Does what arguments ask for; failures become messages and exit codes.
+    """Does what arguments ask for, as `main`; failures become messages and exit codes.
 
     Args:
         parser: of the arguments; it sets `command`, which is called with what they
             say.
         argv: the arguments; by default those of the process.
-
-    Returns:
-        As `main`.
     """
     # Nothing here opens a window. A backend that is not there would fail importing.
     os.environ["MPLBACKEND"] = "agg"
     code = 0
     try:
         arguments = parse(parser, argv)
-        with (
-            _all_ends_as_ctrl_c(),
-            collected_warnings(verbose=arguments.verbose),
-        ):
+        with _all_ends_as_ctrl_c(), collected_warnings(verbose=arguments.verbose):
             code = arguments.command(arguments) or 0
         sys.stdout.flush()
     except BrokenPipeError:  # of `crar-drake list | head`

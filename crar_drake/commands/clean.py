@@ -142,7 +142,7 @@ _MOST = 6  # frames, and lifts, that are reported one by one
 
 # Unit of --at-most: metres or radians in it.
 _UNITS = {
-    "joints": {"deg": 0.017453292519943295, "rad": 1.0},
+    "joints": {"deg": math.radians(1.0), "rad": 1.0},
     **{part: {"mm": 1e-3, "cm": 1e-2, "m": 1.0} for part in ("feet", "hands")},
 }
 
@@ -324,8 +324,8 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         f"{clip.too_fast_before} and {clip.too_fast} beyond a speed limit, smallest "
         f"distance {1e3 * clip.nearest_before:.1f} and {1e3 * clip.nearest:.1f} mm "
         f"(between frames at least {1e3 * clip.between:.1f} mm)",
-        f"changed: {clip.changed} frames; joints {_degrees(clip.joints_rms)} rms, "
-        f"{_degrees(clip.joints_worst)} at most; feet "
+        f"changed: {clip.changed} frames; joints {math.degrees(clip.joints_rms):.2f} "
+        f"deg rms, {math.degrees(clip.joints_worst):.2f} deg at most; feet "
         f"{_millimetres(clip.feet_rms, clip.feet_worst)}; hands "
         f"{_millimetres(clip.hands_rms, clip.hands_worst)}; jerk of the joints "
         f"{clip.jerk_before:.0f} and {clip.jerk:.0f} rad/s^3 rms",
@@ -417,10 +417,6 @@ def _outside(length: float) -> str:
     if math.isinf(length):
         return "any distance (the ground had to pull)"
     return f"{1e3 * max(length, 0.0):.0f} mm"
-
-
-def _degrees(angle: float) -> str:
-    return f"{57.29577951308232 * angle:.2f} deg"
 
 
 def _millimetres(rms: float, worst: float) -> str:

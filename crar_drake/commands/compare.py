@@ -9,7 +9,7 @@ from crar_drake.commands.options import (
     add_frame_rate,
     add_robot,
 )
-from crar_drake.commands.output import OUT
+from crar_drake.commands.output import OUT, tell_drawn
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -94,18 +94,9 @@ def run(arguments: argparse.Namespace) -> None:
         _compare_references(arguments, paths, references, out)
         return
     logs = [SimulationLog.load(path) for path in paths]
-    for model in compare_logs(
-        logs,
-        out,
-        labels=labels
-        or distinct_labels(logs, [p.absolute().parent.name for p in paths]),
-        overlay=arguments.overlay,
-        robot=arguments.robot or "",
-    ):
-        print(
-            f"warning: model {model} has no visual geometry: its collision shapes are "
-            "drawn"
-        )
+    labels = labels or distinct_labels(logs, [p.absolute().parent.name for p in paths])
+    robot, overlay = arguments.robot or "", arguments.overlay
+    tell_drawn(compare_logs(logs, out, labels=labels, overlay=overlay, robot=robot))
     print(out)
 
 

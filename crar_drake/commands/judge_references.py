@@ -74,11 +74,7 @@ def run_references(arguments: argparse.Namespace) -> int:
     """
     from crar_drake.files import check_folder
     from crar_drake.references.folders import find_references
-    from crar_drake.references.judged_files import (
-        JudgeOptions,
-        judge_files,
-        judge_here,
-    )
+    from crar_drake.references.judged_files import JudgeOptions, judge_files, judge_here
     from crar_drake.references.reference_judge import Tolerances
     from crar_drake.references.verdict_report import verdict_lines
     from crar_drake.robot.description import whole_body_name
@@ -120,10 +116,7 @@ def run_references(arguments: argparse.Namespace) -> int:
     else:
         with frames_bar() as progress:
             judged = judge_files(
-                files,
-                options,
-                arguments.jobs,
-                lambda done: progress(done, len(files)),
+                files, options, arguments.jobs, lambda done: progress(done, len(files))
             )
     for entry in judged:
         for verdict in entry.verdicts:

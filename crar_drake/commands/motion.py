@@ -12,7 +12,7 @@ from crar_drake.commands.options import (
     add_reference_options,
     add_skeleton,
 )
-from crar_drake.commands.output import OUT, motion_label
+from crar_drake.commands.output import OUT, label
 from crar_drake.errors import printable
 
 
@@ -45,11 +45,12 @@ def run(arguments: argparse.Namespace) -> None:
     from crar_drake.motion.options import MotionOptions
     from crar_drake.motion.picture import plot_motion
     from crar_drake.motion.report import describe, inspect
+    from crar_drake.motion.robots_own import holds_reference
 
-    plot = arguments.plot or OUT / f"{motion_label(arguments.motion)}.png"
+    plot = arguments.plot or OUT / f"{label(arguments.motion)}.png"
     if arguments.plot is not None:
         check_picture(plot)
-    if arguments.robot or arguments.layout or _is_reference(arguments.motion):
+    if arguments.robot or arguments.layout or holds_reference(arguments.motion):
         _describe_reference(arguments, plot)
         return
     given = {name: getattr(arguments, name) for name in FILE_OPTIONS}
@@ -64,13 +65,6 @@ def run(arguments: argparse.Namespace) -> None:
         return
     plot_motion(performer, plot)
     print(plot)
-
-
-def _is_reference(motion: str) -> bool:
-    """A CSV or NPZ file may also hold the points of a person."""
-    from crar_drake.motion.robots_own import holds_reference
-
-    return holds_reference(motion)
 
 
 def _describe_reference(arguments: argparse.Namespace, plot: Path) -> None:

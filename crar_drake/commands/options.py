@@ -191,7 +191,6 @@ def add_robot(parser: Parser, also: str = "") -> None:
     """Adds --robot, of a saved log.
 
     Args:
-        parser: of the command.
         also: what else it is of, for the help's end.
     """
     parser.add_argument(

@@ -4,7 +4,7 @@ import hashlib
 import os
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -30,11 +30,6 @@ def label(path: str | Path) -> Path:
     return folder / path.stem
 
 
-def motion_label(motion: str) -> str:
-    """`label` of a motion, as text."""
-    return str(label(motion))
-
-
 def final_line(violated: list[str], bad: int = 0) -> int:
     """Prints the last line of a command that judges: OK, or VIOLATED and what.
 
@@ -51,13 +46,10 @@ def final_line(violated: list[str], bad: int = 0) -> int:
 
 
 def tell_failure(error: BaseException) -> int:
-    """Says on stderr why a command failed.
+    """Says on stderr why a command failed; returns its exit code.
 
     Args:
         error: that ended it; of a kind that no user makes, its traceback is printed.
-
-    Returns:
-        The exit code.
     """
     if isinstance(error, KeyboardInterrupt):
         about = f" {error}" if str(error) else ""
@@ -83,7 +75,6 @@ def counted(number: int, what: str, does: str) -> list[str]:
     """ "3 samples penetrate", as the only entry; of none, no entry.
 
     Args:
-        number: how many.
         what: they are, in the singular.
         does: what they do, in the plural; "{s}" in it is s for one.
     """
@@ -91,6 +82,15 @@ def counted(number: int, what: str, does: str) -> list[str]:
         return []
     one = number == 1
     return [f"{number} {what}{'' if one else 's'} {does.format(s='s' if one else '')}"]
+
+
+def tell_drawn(models: Iterable[str]) -> None:
+    """Warns of models of which a page shows other than their looks."""
+    for model in models:
+        print(
+            f"warning: model {model} has no visual geometry: its collision shapes are "
+            "drawn"
+        )
 
 
 @contextmanager

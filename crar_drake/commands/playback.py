@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from crar_drake.commands.options import add_command, add_robot
+from crar_drake.commands.output import tell_drawn
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -33,9 +34,5 @@ def run(arguments: argparse.Namespace) -> None:
     log = SimulationLog.load(arguments.log)
     out = arguments.out or arguments.log.with_name("playback.html")
     check_file(out)
-    for model in record_log(log, out, robot=arguments.robot or ""):
-        print(
-            f"warning: model {model} has no visual geometry: its collision shapes are "
-            "drawn"
-        )
+    tell_drawn(record_log(log, out, robot=arguments.robot or ""))
     print(out)

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crar_drake.commands.clean import (
-    add_balance,
-    balance_lines,
-    clip_lines,
-    violations,
-)
+from crar_drake.commands.clean import add_balance, balance_lines, clip_lines, violations
 from crar_drake.commands.folders import files_bar, frames_bar, report_files
 from crar_drake.commands.options import (
     FILE_OPTIONS,
@@ -25,13 +21,11 @@ from crar_drake.commands.options import (
     add_skeleton,
     positive,
 )
-from crar_drake.commands.output import OUT, counted, final_line, label, motion_label
+from crar_drake.commands.output import OUT, counted, final_line, label
 
 if TYPE_CHECKING:
     from crar_drake.references.retarget_file import RetargetedClip
     from crar_drake.references.retarget_folder import RetargetedRow
-
-_DEGREE = 57.29577951308232
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -109,17 +103,13 @@ def run(arguments: argparse.Namespace) -> int:
     from crar_drake.references.retarget_file import retarget_file
     from crar_drake.references.retarget_folder import row_of
 
-    name = f"{motion_label(arguments.motion)}.csv"
+    name = f"{label(arguments.motion)}.csv"
     out = arguments.out or OUT / "retarget" / name
     if out.is_dir():
         out = out / Path(name).name
     with frames_bar() as progress:
         clip = retarget_file(
-            arguments.motion,
-            out,
-            arguments.robot,
-            progress=progress,
-            **options,
+            arguments.motion, out, arguments.robot, progress=progress, **options
         )
     for line in _lines(clip):
         print(line)
@@ -153,11 +143,13 @@ def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
         f"{violated} violate something"
     )
     if rows:
+        median, most = (
+            math.degrees(max(getattr(row, name) for row in rows))
+            for name in ("limbs_median", "limbs_most")
+        )
         print(
-            "at most, of all: limbs are off in direction by "
-            f"{_DEGREE * max(row.limbs_median for row in rows):.1f} deg in the median "
-            f"and {_DEGREE * max(row.limbs_most for row in rows):.1f} deg in 95 % of "
-            "the frames; planted feet slip by "
+            f"at most, of all: limbs are off in direction by {median:.1f} deg in the "
+            f"median and {most:.1f} deg in 95 % of the frames; planted feet slip by "
             f"{1e3 * max(row.slip for row in rows):.1f} mm"
         )
     return report_files(files, _violations, _violations_of, out / RETARGETED_TABLE)
@@ -181,7 +173,7 @@ def _lines(clip: RetargetedClip) -> list[str]:
     """How like the person the robot moves, in words."""
     cleaned = clip.cleaned
     knees = ", ".join(
-        f"{side} {_DEGREE * more:+.1f} deg ({_DEGREE * most:.1f} deg)"
+        f"{side} {math.degrees(more):+.1f} deg ({math.degrees(most):.1f} deg)"
         for side, (more, most) in clip.knees.items()
     )
     return [
@@ -189,10 +181,10 @@ def _lines(clip: RetargetedClip) -> list[str]:
         f"{cleaned.frames} frames at {cleaned.rate:g} Hz, {clip.seconds:.1f} s of a "
         f"processor, {clip.times_real_time:.1f} x real time",
         "limbs are off in direction by at most "
-        f"{_DEGREE * clip.limbs_median:.1f} deg in the median and "
-        f"{_DEGREE * clip.limbs_most:.1f} deg in 95 % of the frames "
+        f"{math.degrees(clip.limbs_median):.1f} deg in the median and "
+        f"{math.degrees(clip.limbs_most):.1f} deg in 95 % of the frames "
         f"(of all, {clip.farthest.replace('_', ' ')} is the farthest off: "
-        f"{_DEGREE * clip.limbs[clip.farthest][1]:.1f} deg)",
+        f"{math.degrees(clip.limbs[clip.farthest][1]):.1f} deg)",
         f"knees bend more than the person's by (median, and 95 %): {knees}",
         f"planted feet slip by at most {1e3 * clip.slip:.1f} mm, the lowest point is "
         f"{1e3 * clip.lowest:+.1f} mm over the floor",

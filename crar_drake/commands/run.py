@@ -118,7 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
                 out,
                 record=not arguments.no_recording,
                 progress=progress,
-                tell=_tell,
+                tell=lambda line: print(line, file=sys.stderr),
             )
     except (RunFailed, RunInterrupted) as stopped:
         show(stopped.result)
@@ -298,8 +298,3 @@ def _progress_bar() -> Iterator[Progress]:
     finally:
         if bar.tasks:
             bar.stop()
-
-
-def _tell(line: str) -> None:
-    """Beside the results, which go to the standard output."""
-    print(line, file=sys.stderr)

@@ -22,17 +22,9 @@ from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.free_joints import displaced, displacement
 from crar_drake.equations.hull_distances import corners_of, shadow_rates
 from crar_drake.equations.kinematics import Robot
-from crar_drake.equations.placed_shapes import (
-    distances_at,
-    own_velocities,
-    place_pairs,
-)
+from crar_drake.equations.placed_shapes import distances_at, own_velocities, place_pairs
 from crar_drake.equations.prediction import next_state
-from crar_drake.equations.vectors import (
-    put,
-    put_at,
-    transposed_times,
-)
+from crar_drake.equations.vectors import put, put_at, transposed_times
 
 # How a step was admitted.
 AS_NOMINAL = 0.0
@@ -79,19 +71,13 @@ class Reaches(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """What `path_bounds` found of Np pairs.
+    """What `path_bounds` found of Np pairs."""
 
-    Attributes:
-        low: (Np,) no distance on the path is smaller [m]; what is below the level
-            asked for is a guess; infinite where nobody asks.
-        at: (Np,) where on the path, in [0, 1], a pair is not shown to be clear; -1
-            where it is, or nobody asks.
-        d: (Np,) the distance there [m]; minus infinite if it is none (NaN).
-    """
-
-    low: np.ndarray
-    at: np.ndarray
-    d: np.ndarray
+    low: np.ndarray  # (Np,) no distance on the path is smaller [m]; what is below the
+    # level asked for is a guess; infinite where nobody asks
+    at: np.ndarray  # (Np,) where on the path, in [0, 1], a pair is not shown to be
+    # clear; -1 where it is, or nobody asks
+    d: np.ndarray  # (Np,) the distance there [m]; minus infinite if it is none (NaN)
 
 
 @compiled
@@ -216,7 +202,22 @@ def velocity_bounds(
     return np.minimum(low, 0.0), np.maximum(high, 0.0)
 
 
-def _path_curvature_loops(x, pairs, reaches):
+@compiled(loops=True)
+def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.ndarray:
+    """(A3): the largest acceleration of a pair's shapes to each other, (k,) [m].
+
+    If all joints move at the constant rates x, a point that joints i carry moves with
+    the acceleration sum x_i^2 a_i x (a_i x r_i) + 2 sum_(j above i) x_j x_i a_j x
+    (a_i x r_i), r_i from joint i's axis to the point: at most
+
+        sum_i |x_i| rho_i (|x_i| + 2 sum_(j above i) |x_j|),    rho_i >= |a_i x r_i|.
+
+    Seen from what carries both shapes only the joints count that move one alone.
+
+    Args:
+        x: (nv,) what each joint moves on the path [rad, m].
+        pairs: (k,) which.
+    """
     curvature = np.empty(len(pairs))
     of_shape = np.empty(2)
     own = np.empty(len(x), dtype=np.int64)  # the joints that move the shape alone
@@ -240,33 +241,6 @@ def _path_curvature_loops(x, pairs, reaches):
                 of_shape[shape] += rho[i] * abs(x[i]) * (abs(x[i]) + 2.0 * before)
         curvature[k] = of_shape[0] + of_shape[1]
     return curvature
-
-
-@compiled(loops=_path_curvature_loops)
-def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.ndarray:
-    """(A3): the largest acceleration of a pair's shapes to each other, (k,) [m].
-
-    If all joints move at the constant rates x, a point that joints i carry moves with
-    the acceleration sum x_i^2 a_i x (a_i x r_i) + 2 sum_(j above i) x_j x_i a_j x
-    (a_i x r_i), r_i from joint i's axis to the point: at most
-
-        sum_i |x_i| rho_i (|x_i| + 2 sum_(j above i) |x_j|),    rho_i >= |a_i x r_i|.
-
-    Seen from what carries both shapes only the joints count that move one alone.
-
-    Args:
-        x: (nv,) what each joint moves on the path [rad, m].
-        pairs: (k,) which.
-        reaches: of all pairs.
-    """
-    pairs = reaches.own[pairs]
-    speed, above = np.abs(x), reaches.above.T
-    own = reaches.a[pairs] * speed
-    before = (reaches.a_alone[pairs] * speed) @ above
-    curvature = (own * (speed + 2.0 * before)).sum(axis=1)
-    own = reaches.b[pairs] * speed
-    before = (reaches.b_alone[pairs] * speed) @ above
-    return curvature + (own * (speed + 2.0 * before)).sum(axis=1)
 
 
 @compiled
@@ -310,7 +284,6 @@ def shadow_gap(
         n: (k, 3) unit directions.
         at: (P, 3) points, where the axes start and from there to their ends among
             them [m].
-        pairs: of shapes.
         some: (k,) which pairs.
         a, b: (k, 6) spatial velocities of both shapes about the world's origin, for a
             unit of time.
@@ -444,8 +417,6 @@ def gradients_at(
     """Eq. (20) of the pairs that are not clear, where they are not: (k,), (k, nv).
 
     Args:
-        start, x: of the path.
-        bounds: of it.
         r, reaches: as in `path_bounds`.
 
     Returns:
@@ -480,18 +451,12 @@ class AdmissionGains(NamedTuple):
 
 
 class Present(NamedTuple):
-    """What is known of the present braking path.
+    """What is known of the present braking path."""
 
-    Attributes:
-        low: (Np,) no distance on it is smaller [m]; a guess where a pair is not clear.
-        level: (Np,) the floor; where a pair is not clear, the smallest distance seen,
-            unless that is none (NaN).
-        held: whether every pair is shown to be clear, but for rounding.
-    """
-
-    low: np.ndarray
-    level: np.ndarray
-    held: bool
+    low: np.ndarray  # (Np,) no distance is smaller [m]; a guess where not clear
+    level: np.ndarray  # (Np,) the floor; where a pair is not clear, the smallest
+    # distance seen, unless that is none (NaN)
+    held: bool  # whether every pair is shown to be clear, but for rounding
 
 
 @compiled
@@ -510,8 +475,6 @@ def examine_present(
         q, v: (nq,), (nv,) state.
         s: (nv,) the velocity of the guard.
         d: (2, Nr) distances of all rows at q and at q_s [m].
-        r, reaches: of the robot.
-        gains: of the admission.
     """
     x, straight = gains.T * v, np.zeros(len(v))
     here = reaching(q, x, straight, reaches, r.turn)
@@ -522,7 +485,7 @@ def examine_present(
     ends = d[:, reaches.value.rows]
     low = 0.5 * (ends[0] + ends[1] - travel(x, here))
     level = np.full(len(low), gains.floor)
-    needed = gains.floor + travel(step_reach(s, gains) * s, beyond)
+    needed = gains.floor + travel(step_reach(gains) * s, beyond)
     # A distance that is none (NaN) is below whatever is needed.
     found = path_bounds(q, x, straight, level - ROUNDING, ~(low >= needed), r, here)
     held = True
@@ -537,27 +500,20 @@ def examine_present(
 
 
 @compiled
-def step_reach(s: np.ndarray, gains: AdmissionGains) -> float:
+def step_reach(gains: AdmissionGains) -> float:
     """(A6): the next braking path is nowhere farther than this times s from the present
     one, period + e of `next_path` [s]."""
     return gains.period + 0.5 * gains.period * (gains.period + gains.step) / gains.T
 
 
 class Checked(NamedTuple):
-    """What a step of some velocity s leads to.
+    """What a step of some velocity s leads to."""
 
-    Attributes:
-        clear: whether every pair keeps its level on the way and on the next path.
-        clearance: no distance there is smaller, if it is clear [m].
-        start, x: (nq,), (nv,) the next braking path.
-        bounds: of it.
-    """
-
-    clear: bool
-    clearance: float
-    start: np.ndarray
-    x: np.ndarray
-    bounds: Bounds
+    clear: bool  # whether every pair keeps its level on the way and on the next path
+    clearance: float  # no distance there is smaller, if it is clear [m]
+    start: np.ndarray  # (nq,) where the next braking path begins
+    x: np.ndarray  # (nv,) and where it leads from there
+    bounds: Bounds  # of it
 
 
 @compiled
@@ -584,16 +540,13 @@ def check_step(
 
     Args:
         q, v, s: (nq,), (nv,), (nv,) state, and velocity of q_s.
-        present: of the state.
-        r, reaches: of the robot.
-        gains: of the admission.
     """
     T, period, level = gains.T, gains.period, present.level
     start, x = next_path(q, v, s, T, period, gains.step, r.turn)
     straight = np.zeros(len(x))
     reaches = reaching(q, T * v, straight, reaches, r.turn)
     reaches = reaching(start, x, straight, reaches, r.turn)
-    near = present.low - travel(step_reach(s, gains) * s, reaches)
+    near = present.low - travel(step_reach(gains) * s, reaches)
     bounds = path_bounds(start, x, straight, level, ~(near >= level), r, reaches)
     clear = not (bounds.at >= 0.0).any()
     clearance = np.inf

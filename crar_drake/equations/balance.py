@@ -104,7 +104,6 @@ def bends(
         T: 0, if the parameter is time, so that Y_k = X_(k+2); else the motion is a path
             over u, on which Y_k = (X_(k+2) + X_(k+1)) / T^2 [s].
         about: (3,) [m].
-        masses: of the robot.
     """
     tree = masses.tree.value
     N = len(masses.mass)
@@ -179,20 +178,14 @@ class BalanceLaw(NamedTuple):
 
 
 class Balanced(NamedTuple):
-    """What is found of a braking path, or of a step.
+    """What is found of a braking path, or of a step."""
 
-    Attributes:
-        values: (F,) upper bounds of what R w comes to [Nm]; balanced where none is
-            above 0.
-        seen: (F,) the largest that it comes to at the places that were looked at.
-        at, share, brake: (F,) where, u, and at which kappa and a it is largest.
-    """
-
-    values: np.ndarray
-    seen: np.ndarray
-    at: np.ndarray
-    share: np.ndarray
-    brake: np.ndarray
+    values: np.ndarray  # (F,) upper bounds of what R w comes to [Nm]; balanced where
+    # none is above 0
+    seen: np.ndarray  # (F,) the largest of the places that were looked at
+    at: np.ndarray  # (F,) u, where it is largest
+    share: np.ndarray  # (F,) at which kappa
+    brake: np.ndarray  # (F,) and at which a
 
 
 @compiled
@@ -214,7 +207,6 @@ def examine_braking(
         q, v: (nq,), (nv,) state, in the plant's order; prescribed joints at rest.
         level: (F,) what the faces' values may come to.
         close: of how far a face is from its level, the share that pieces may add.
-        law: of the robot.
     """
     x, still = law.T * v, np.zeros(len(v))
     bend = bends(q, x, np.abs(x), still, law.T, law.ground.about, law.masses)
@@ -236,7 +228,6 @@ def examine_step(
 
     Args:
         q, v, a: (nq,), (nv,), (nv,) state and acceleration, in the plant's order.
-        level, close, law: as there.
     """
     period = law.period
     along = period * v + 0.5 * period * (period + law.step) * a

@@ -136,10 +136,7 @@ def blend_joints(
         return blend_vectors(start, q, v, a, step)
     x, x_dot, x_ddot = np.empty(len(q)), np.empty(len(v)), np.empty(len(v))
     q_after, v_after = turn + QUATERNION, turn + TURN
-    for at, to, by, by_to in (
-        (0, turn, 0, turn),
-        (q_after, len(q), v_after, len(v)),
-    ):
+    for at, to, by, by_to in ((0, turn, 0, turn), (q_after, len(q), v_after, len(v))):
         p, p_dot, p_ddot = blend_vectors(
             start[at:to], q[at:to], v[by:by_to], a[by:by_to], step
         )
@@ -170,7 +167,6 @@ def blend_tasks(
     """Blends every task from (R_start, p_start, q_start) to `target`.
 
     Args:
-        rows: which rows belong to which task.
         R_start: (Na, 3, 3) measured orientations at the start.
         p_start: (Nl, 3) measured positions at the start [m].
         q_start: (Nj,) measured positions of the tasks that are joints [rad or m].

@@ -187,7 +187,6 @@ def nearest_points(
     Args:
         at: (K P, 3) points, where the axes start [m] and from there to their ends
             among them [m].
-        pairs: of the capsules.
         some: (N,) which of the pairs.
 
     Returns:
@@ -327,7 +326,6 @@ def nearest_of_pairs(
         points: (K, P, 3) in W, the axes' starts and vectors among them [m].
         asked: (K (N - Nf), 7) of the shapes without a closed form: distance, normal
             from b to a, point fixed to a on the line of the shortest distance.
-        pairs: which shapes belong to which row.
 
     Returns:
         (K Nr,) signed distances [m]; (K Nr, 3) unit normals from b to a; (K Nr, 3)

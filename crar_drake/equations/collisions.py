@@ -17,16 +17,13 @@ def collision_potential_slope(
     alpha: float | np.ndarray,
     beta: float | np.ndarray,
 ) -> np.ndarray:
-    """Eq. (23): df/dd = -rho exp(-alpha d) d^-beta (beta/d + alpha).
+    """Eq. (23): df/dd = -rho exp(-alpha d) d^-beta (beta/d + alpha), (Nc,) [1/m].
 
     Below DISTANCE_CLAMP, in contact and in penetration it is taken there.
 
     Args:
         d: (Nc,) signed distances [m].
         rho, alpha, beta: scalars or (Nc,); amplitude, decay [1/m], exponent.
-
-    Returns:
-        (Nc,) slopes [1/m], never positive, always finite.
     """
     d = np.maximum(d, DISTANCE_CLAMP)
     return -rho * np.exp(-alpha * d) * d**-beta * (beta / d + alpha)
@@ -53,7 +50,7 @@ def _distance_gradient_loops(normal, point, S, moves):
 def distance_gradient_about_origin(
     normal: np.ndarray, point: np.ndarray, S: np.ndarray, moves: np.ndarray
 ) -> np.ndarray:
-    """Eq. (20) of all pairs as one product, from the joints' motion S.
+    """Eq. (20) of all pairs as one product, (K, Nc, n) [m/rad or 1], from S.
 
     Both witness points lie on one line along the normal, so that a unit force along
     it has the same moment p x n about the world's origin at either. The wrench does
@@ -67,9 +64,6 @@ def distance_gradient_about_origin(
             linear, see `kinematics.joint_motion`.
         moves: (Nc, n) 1 where the joint carries a alone, -1 where it carries b
             alone, else 0.
-
-    Returns:
-        (K, Nc, n) gradients [m/rad or 1].
     """
     wrench = np.concatenate((cross_rows(point, normal), normal), axis=1)
     return wrench.reshape(len(S), -1, 6) @ S * moves
@@ -77,21 +71,18 @@ def distance_gradient_about_origin(
 
 @compiled
 def collision_gradient(slope: np.ndarray, dd_dq: np.ndarray) -> np.ndarray:
-    """Eqs. (19), (25): grad f_j = (df_j/dd_j) (dd_j/dq).
+    """Eqs. (19), (25): grad f_j = (df_j/dd_j) (dd_j/dq), (Nc, n).
 
     Args:
         slope: (Nc,) Eq. (23).
         dd_dq: (Nc, n) Eq. (20).
-
-    Returns:
-        (Nc, n).
     """
     return slope[:, np.newaxis] * dd_dq
 
 
 @compiled
 def collision_proximity(gradient: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """The |grad f_i| that Eq. (21) compares between steps, per pair and joint.
+    """The |grad f_i| that Eq. (21) compares between steps, (Nc, n).
 
     Down to DISTANCE_CLAMP it is the magnitude of Eq. (25); below, where the slope
     is clamped, it goes on growing linearly with the depth, so that going deeper
@@ -100,9 +91,6 @@ def collision_proximity(gradient: np.ndarray, d: np.ndarray) -> np.ndarray:
     Args:
         gradient: (Nc, n) Eq. (25).
         d: (Nc,) signed distances, not clamped [m].
-
-    Returns:
-        (Nc, n).
     """
     depth = np.maximum(DISTANCE_CLAMP - d, 0.0) / DISTANCE_CLAMP
     return np.abs(gradient) * (1.0 + depth)[:, np.newaxis]
@@ -128,13 +116,10 @@ def pair_weights(
 
 @compiled
 def collision_weights(W_COL_j: np.ndarray) -> np.ndarray:
-    """Eq. (26): the diagonal of W_COL, the mean of the pairs' W_COL_j.
+    """Eq. (26): the diagonal of W_COL, the mean of the W_COL_j; (n,) ones without any.
 
     Args:
         W_COL_j: (Nc, n) Eq. (21).
-
-    Returns:
-        (n,); ones when no pair is watched.
     """
     if not len(W_COL_j):
         return np.ones(W_COL_j.shape[1])

@@ -13,15 +13,12 @@ def composite_index(num_pairs: int) -> float:
 
 @compiled
 def composite_weights(W_JL: np.ndarray, W_COL: np.ndarray, a: float) -> np.ndarray:
-    """Eq. (27): W = a W_JL + (1 - a) W_COL, all diagonal.
+    """Eq. (27): W = a W_JL + (1 - a) W_COL, all diagonal, (n,).
 
     Args:
         W_JL: (n,) diagonal of Eq. (18).
         W_COL: (n,) diagonal of Eq. (26).
         a: share of the joint limits, between 0 and 1.
-
-    Returns:
-        (n,) diagonal of W.
     """
     return a * W_JL + (1.0 - a) * W_COL
 

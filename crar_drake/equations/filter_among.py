@@ -90,7 +90,6 @@ def known_after(
     Args:
         clear: (N,) bool, of which spheres the state is known to be clear.
         proved: whether the step was shown to keep the levels; braking was not.
-        levels: of the step.
         world: holds `WorldLaw`.
     """
     known = np.zeros(len(clear))
@@ -124,7 +123,6 @@ def evading_constraints(
     Args:
         v: (n,) velocity.
         g, least: (C, n), (C,) the rows on q_dot'.
-        admission: of the mode.
         world: holds `WorldLaw`.
     """
     now, zero = times(g, v), np.zeros(len(least))
@@ -159,8 +157,6 @@ def less_wanted(
         lowest, highest: (n,), (n,) bounds.
         failed: (L, N) bool, what is too near if all of the command is asked for.
         level, levels: that pairs and spheres are to keep.
-        spheres: which.
-        law, world: of the robot.
 
     Returns:
         Whether there is any; the share of the command; (n,) s, of the largest share

@@ -80,7 +80,6 @@ def displaced(q: np.ndarray, x: np.ndarray, turn: int) -> np.ndarray:
     """The configuration (nq,) that a displacement x (nv,) leads to from q (nq,).
 
     Args:
-        q, x: configuration and displacement.
         turn: where the quaternion begins in q, and the rotation vector in x; negative
             if there is none.
     """
@@ -153,7 +152,6 @@ def has_orientation(q: np.ndarray, turn: int) -> bool:
     """Whether the quaternion of a configuration (nq,) has a length other than 0.
 
     Args:
-        q: configuration.
         turn: where the quaternion begins; negative if there is none to be wrong.
     """
     return turn < 0 or (q[turn : turn + QUATERNION] ** 2).sum() > 0.0

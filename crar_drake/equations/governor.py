@@ -52,8 +52,9 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
+from crar_drake.equations.free_joints import turn_between, turned, turned_by_plant
 from crar_drake.equations.tasks import TaskRows, num_rows
-from crar_drake.equations.vectors import cross, dot
+from crar_drake.equations.vectors import dot
 
 # Bounds that a target keeps but for rounding are kept.
 _ROUNDING = 1e-6
@@ -80,7 +81,7 @@ def govern_tasks(
     bounds: TargetBounds,
     h: float,
 ) -> np.ndarray:
-    """The governed targets of this instant.
+    """The governed targets of this instant, (size,) [x; v; a].
 
     Args:
         desired: (size,) [x_d; v_d; a_d] as given, see `TaskLayout`. Where it has a
@@ -88,11 +89,7 @@ def govern_tasks(
         before: (size,) what this function returned one period before; or
             `start_governor`.
         rows: which rows belong to which task; joints are passed as they are.
-        bounds: of all tasks.
         h: control period [s].
-
-    Returns:
-        (size,) [x; v; a], an array of its own.
     """
     governed = desired.copy()
     m = num_rows(rows)
@@ -152,7 +149,7 @@ def start_governor(
         at = rows.angular_rows[3 * i : 3 * i + 3]
         v = _at_most(velocity[at], bounds.angular_speed)
         before[at_v + at] = v
-        before[x] = _turned(pose[x], -h * v)
+        before[x] = turned(pose[x], -h * v)
     return before
 
 
@@ -168,16 +165,13 @@ def govern_position(
     A: float,
     h: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The governed target of a position.
+    """The governed target of a position: p, v, a (3,).
 
     Args:
         x_d, v_d, a_d: (3,) target [m], its velocity and its acceleration.
         p0, v0, a0: (3,) what this function returned one period before.
         V, A: bounds on speed and acceleration; one of them may be infinite.
         h: control period [s].
-
-    Returns:
-        p, v, a (3,).
     """
     size = _length(x_d) + _length(p0)
     if _is_within(v_d, a_d, V, A) and _is_step(
@@ -223,9 +217,9 @@ def govern_orientation(
     # Seen from a frame that turns, an acceleration is another: A h^2/2 and so much.
     turn = h * (_length(v0) + _length(v_d))
     if _is_within(v_d, a_d, V, A) and _is_step(
-        _between(p0, x_d),
-        _between(_turned(p0, h * v0), x_d),
-        _between(_turned(p0, h * v_d), x_d),
+        turn_between(p0, x_d),
+        turn_between(turned(p0, h * v0), x_d),
+        turn_between(turned(p0, h * v_d), x_d),
         v_d - v0,
         np.pi,
         turn,
@@ -235,14 +229,14 @@ def govern_orientation(
     ):
         return x_d, v_d, a_d
     a0, v = _go_on(v0, a0, V, h)
-    p = _turned(p0, _turn(v0, a0, h))
+    p = turned_by_plant(p0, v0, a0, h, 0.0)
     v_next, a_next = _at_most(v_d, V), _at_most(a_d, A)
-    x_next = _turned(x_d, _turn(v_next, a_next, h))
+    x_next = turned_by_plant(x_d, v_next, a_next, h, 0.0)
     v_next = _at_most(v_next + h * a_next, V)
     if _is_step(
-        _between(p, x_next),
-        _between(_turned(p, h * v), x_next),
-        _between(_turned(p, h * v_next), x_next),
+        turn_between(p, x_next),
+        turn_between(turned(p, h * v), x_next),
+        turn_between(turned(p, h * v_next), x_next),
         v_next - v,
         np.pi,
         h * (_length(v) + _length(v_next)),
@@ -251,7 +245,7 @@ def govern_orientation(
         h,
     ):
         return p, v, (v_next - v) / h
-    G = _between(_turned(p, (0.5 * h) * (v + v_next)), x_next)
+    G = turn_between(turned(p, (0.5 * h) * (v + v_next)), x_next)
     return p, v, _chase(G, v, v_next, _length(a_next), V, A, h)
 
 
@@ -282,7 +276,6 @@ def _is_step(
         change: (3,) of the velocity.
         size: of the numbers that the first three are differences of.
         turn: share by which A h^2/2 may be more.
-        V, A, h: bounds, period.
     """
     slack, rounding = 1.0 + _ROUNDING, _RESOLUTION * size
     bend = slack * (1.0 + turn) * 0.5 * A * h * h + rounding
@@ -326,7 +319,6 @@ def _chase(
         v: (3,) velocity now.
         v_next: (3,) of the target at the end of the period, within V.
         a_target: magnitude of the target's acceleration, within A.
-        V, A, h: bounds, period.
     """
     # More than this is never needed: any velocity becomes any other in a period.
     A = min(A, 4.0 * V / h)
@@ -355,39 +347,3 @@ def _at_most(x: np.ndarray, bound: float) -> np.ndarray:
     """x (3,), shortened to the bound where it is longer."""
     length = _length(x)
     return x * (bound / length) if length > bound else x
-
-
-@compiled
-def _turn(omega: np.ndarray, alpha: np.ndarray, h: float) -> np.ndarray:
-    """Rotation vector (3,) of a period's turn from omega with alpha, in W.
-
-    The first two terms of the Magnus expansion: the error is of fifth order in h.
-    """
-    return h * omega + (0.5 * h * h) * alpha + (h**3 / 12.0) * cross(alpha, omega)
-
-
-@compiled
-def _turned(quaternion: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    """exp(phi) times a quaternion (4,), a unit quaternion; phi (3,) in W [rad]."""
-    angle = _length(phi)
-    half = 0.5 * angle
-    s = 0.5 - angle * angle / 48.0 if angle < 1e-4 else np.sin(half) / angle
-    c = np.cos(half)
-    w, u = quaternion[0], quaternion[1:]
-    turn = s * phi
-    vector = c * u + w * turn + cross(turn, u)
-    turned = np.array([c * w - dot(turn, u), vector[0], vector[1], vector[2]])
-    return turned / np.sqrt((turned * turned).sum())
-
-
-@compiled
-def _between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """phi (3,) of end = exp(phi) start, up to the quaternions' lengths; |phi| <= pi."""
-    w = start[0] * end[0] + dot(start[1:], end[1:])
-    u = start[0] * end[1:] - end[0] * start[1:] - cross(end[1:], start[1:])
-    sine = _length(u)
-    if w < 0.0:
-        w, u = -w, -u
-    if sine < 1e-12 * w:
-        return u * (2.0 / w)
-    return u * (2.0 * np.arctan2(sine, w) / sine)

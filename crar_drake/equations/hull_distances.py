@@ -59,7 +59,6 @@ def corners_of(
             there to its end, and the corners of hulls.
         start, vector: which of the points.
         hull: which of `hulls` the shape is; -1 of a capsule or sphere.
-        hulls: all of them.
     """
     if hull >= 0:
         first = start + hulls.after[hull]
@@ -302,7 +301,6 @@ def hull_distance(
     Args:
         at, start_a, vector_a, hull_a: of the first shape, as of `corners_of`.
         start_b, vector_b, hull_b: of the second.
-        hulls: of both.
 
     Returns:
         The distance [m]; (3,) the unit normal from b towards a; (3,) the point of a on

@@ -127,7 +127,6 @@ def beyond_bounds(
         q, v: (n,), (n,) state.
         q_next, v_next: (n,), (n,) that is wanted.
         lower, upper, fastest: (n,), (n,), (n,) as of `velocity_bounds`.
-        T, period: likewise.
 
     Returns:
         BY_LIMIT, BY_SPEED or NOTHING; the joint that is farthest beyond, measured by
@@ -171,16 +170,11 @@ def place_ends(start: np.ndarray, end: np.ndarray, r: Robot, balls: Balls) -> Pl
 
 
 class Level(NamedTuple):
-    """What pairs of shapes are to keep.
+    """What pairs of shapes are to keep."""
 
-    Attributes:
-        of: (Np,) the floor, or where a pair is below it on the present path, the
-            smallest distance there [m]; (0,) if that is none.
-        held: whether there is none.
-    """
-
-    of: np.ndarray
-    held: bool
+    of: np.ndarray  # (Np,) the floor, or where a pair is below it on the present path,
+    # the smallest distance there [m]; (0,) if that is none
+    held: bool  # whether there is none
 
 
 @compiled
@@ -210,21 +204,13 @@ def present_level(q: np.ndarray, v: np.ndarray, law: FilterLaw) -> Level:
 
 
 class Checked(NamedTuple):
-    """What is found of a step.
+    """What is found of a step."""
 
-    Attributes:
-        clear: whether every pair keeps its level.
-        clearance: no distance on the next braking path is smaller, if it is clear [m].
-        rows: (k,) the pairs of shapes that were examined.
-        level: (k,) what they are to keep [m].
-        bounds: of these, on the way and the next path as one.
-    """
-
-    clear: bool
-    clearance: float
-    rows: np.ndarray
-    level: np.ndarray
-    bounds: Bounds
+    clear: bool  # whether every pair keeps its level
+    clearance: float  # of the next braking path, if it is clear [m]
+    rows: np.ndarray  # (k,) the pairs of shapes that were examined
+    level: np.ndarray  # (k,) what they are to keep [m]
+    bounds: Bounds  # of these, on the way and the next path as one
 
 
 @compiled
@@ -243,7 +229,6 @@ def check_line(
         level: that pairs are to keep.
         quick: whether a pair that is too near at the end of the line is enough to know;
             else the worst place of each is sought.
-        law: of the robot.
     """
     mode, robot, balls = law.mode.value, law.robot, law.balls.value
     gains, straight = mode.admission, np.zeros(len(q))
@@ -311,8 +296,6 @@ def line_correction(
         q: (n,) the present position.
         s: (n,) the velocity of q_s that was checked.
         v_next: (n,) what it leads to.
-        checked: of it.
-        law: of the robot.
     """
     mode, rows = law.mode.value, checked.rows
     T, period = mode.admission.T, mode.admission.period
@@ -345,7 +328,6 @@ def nominal_of_wish(
         q, v: (n,), (n,) state.
         kind, wish: as of `desired_state`.
         rate: (n,) q_dot_d of a position [rad/s].
-        numbers: of the mode.
     """
     T, period = numbers.admission.T, numbers.admission.period
     fastest = numbers.gains.nominal_speed_limit
@@ -385,7 +367,6 @@ def guard_rows(
     Args:
         q, v: (n,), (n,) state.
         s_0: (n,) the nominal velocity.
-        law: of the robot.
 
     Returns:
         The rows; (C,) the pair of shapes of each.
@@ -408,12 +389,7 @@ def guard_rows(
     dd_dv = distance_gradient_about_origin(normal, p_WA, S, pairs.moves)
     h = pair_margins(d.reshape(2, -1), dd_dv, v, T)
     constraints = pair_constraints(
-        h,
-        h,
-        dd_dv.reshape(len(h), n),
-        margin_curvature(dd_dv, v),
-        np.zeros(n),
-        gains,
+        h, h, dd_dv.reshape(len(h), n), margin_curvature(dd_dv, v), np.zeros(n), gains
     )
     near = np.flatnonzero(h < gains.influence_distance)
     return constraints, np.concatenate((rows, rows))[near]
@@ -438,7 +414,6 @@ def changed_step(
         q, v: (n,), (n,) state.
         s_0: (n,) the nominal velocity of q_s.
         level: that pairs are to keep.
-        law: of the robot.
 
     Returns:
         (n,) the velocity q_dot' that it leads to; (4,) CORRECTED or SCALED, the share,

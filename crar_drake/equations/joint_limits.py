@@ -46,14 +46,10 @@ def limit_potential(lower: np.ndarray, upper: np.ndarray) -> LimitPotential:
 
 @compiled
 def limit_gradient(q: np.ndarray, limits: LimitPotential) -> np.ndarray:
-    """Eq. (17): dh/dq_i = (u-l)^2 (2q-u-l) / (4 (u-q)^2 (q-l)^2), clamped.
+    """Eq. (17): dh/dq_i = (u-l)^2 (2q-u-l) / (4 (u-q)^2 (q-l)^2), clamped, (n,).
 
     Args:
         q: (n,) positions [rad or m].
-        limits: of the joints.
-
-    Returns:
-        (n,) [1/rad or 1/m]; 0 for unlimited joints.
     """
     q = np.minimum(np.maximum(q, limits.first), limits.last)
     to_upper, to_lower = limits.upper - q, q - limits.lower
@@ -64,7 +60,7 @@ def limit_gradient(q: np.ndarray, limits: LimitPotential) -> np.ndarray:
 def limit_proximity(
     q: np.ndarray, gradient: np.ndarray, limits: LimitPotential
 ) -> np.ndarray:
-    """The |grad h_i| that Eq. (18) compares between steps.
+    """The |grad h_i| that Eq. (18) compares between steps, (n,); 0 without limits.
 
     Inside the clamp that is the magnitude of Eq. (17). From there outwards the
     printed formula jumps to infinity and then shrinks, so it would take going
@@ -73,10 +69,6 @@ def limit_proximity(
     Args:
         q: (n,) positions, not clamped [rad or m].
         gradient: (n,) Eq. (17) there.
-        limits: of the joints.
-
-    Returns:
-        (n,) monotone measure of nearness [1/rad or 1/m]; 0 for unlimited joints.
     """
     beyond = np.abs(q - np.minimum(np.maximum(q, limits.first), limits.last))
     return np.abs(gradient) * (1.0 + beyond / LIMIT_CLAMP)

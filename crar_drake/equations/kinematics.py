@@ -21,12 +21,7 @@ from crar_drake.equations.capsule_distances import nearest_of_pairs
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.tasks import TaskRows, rotation_from_quaternion, stack_rows
-from crar_drake.equations.vectors import (
-    cross_rows,
-    product,
-    sparse_product,
-    transposed,
-)
+from crar_drake.equations.vectors import cross_rows, product, sparse_product, transposed
 
 
 class Tree(NamedTuple):
@@ -73,7 +68,6 @@ def free_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
 
     Args:
         q: (nq,) positions of all joints, in the plant's order.
-        tree: of the robot.
     """
     X = tree.fixed
     if len(tree.free):
@@ -132,7 +126,6 @@ def link_poses(q: np.ndarray, tree: Tree, needed: np.ndarray) -> np.ndarray:
 
     Args:
         q: (K, nq) positions of all joints in K configurations, in the plant's order.
-        tree: of the robot.
         needed: (N,) bool, which frames, parents with their children; `Tree.every`.
     """
     at = q[:, tree.position][..., np.newaxis, np.newaxis]
@@ -298,7 +291,6 @@ def task_bias(
         p: (T, 3) the tasks' points in W [m].
         S: (6, nv) `joint_motion`.
         v: (nv,) velocities.
-        tasks, rows: of the tasks.
     """
     own = np.ascontiguousarray((S * v).T)
     moving = product(tasks.above, own)

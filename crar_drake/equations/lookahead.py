@@ -22,11 +22,7 @@ import numpy as np
 
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.handover import take_over
-from crar_drake.equations.kinematics import (
-    Measured,
-    find_state,
-    join_joints,
-)
+from crar_drake.equations.kinematics import Measured, find_state, join_joints
 from crar_drake.equations.lookahead_guard import (
     admit,
     damped_gram,
@@ -47,10 +43,7 @@ from crar_drake.equations.lookahead_rows import (
 from crar_drake.equations.preview import preview_plan, previewed_velocity
 from crar_drake.equations.references import Targets, find_references
 from crar_drake.equations.vectors import smallest
-from crar_drake.equations.within_efforts import (
-    limited_acceleration,
-    scale_acceleration,
-)
+from crar_drake.equations.within_efforts import limited_acceleration, scale_acceleration
 
 
 class LookaheadMemory(NamedTuple):
@@ -75,8 +68,6 @@ def lookahead_step(
     """(L3)-(L13) in their order: one control step of the mode.
 
     Args:
-        measured: the state, and q_s.
-        targets: what to do.
         robot: holds a `Robot` with a row for each pair of shapes.
         mode: holds `LookaheadNumbers`.
         before: of the step before; at the first, with q_dot itself and zeros, so that

@@ -90,7 +90,6 @@ def guard_norm(normal: np.ndarray, gains: LookaheadGains) -> np.ndarray:
 
     Args:
         normal: (n, n) `damped_gram`.
-        gains: of the mode.
     """
     if not gains.task_norm:
         return identity(len(normal))
@@ -148,8 +147,6 @@ def nominal_velocity(
         a_r: (m,) Eq. (14) less bias and the prescribed joints' share.
         qdot: (n,) present velocity [rad/s].
         posture: (n,) a null-space acceleration, added to z where m < n [rad/s^2].
-        constraints: rows and limits.
-        gains: of the mode.
         qdot_0, qddot_0: (n,) x_0 of both levels; (0,) for 0.
 
     Returns:
@@ -197,7 +194,6 @@ def guard(
 
     Args:
         s_0: (n,) the nominal velocity.
-        constraints: rows and limits.
         norm: (n, n) N, `guard_norm`.
 
     Returns:
@@ -231,11 +227,7 @@ def correction(
     d(q_f) is linear in s with the gradient k g, and is to reach the level.
 
     Args:
-        checked: of s.
         s: (nv,) velocity of q_s that was checked.
-        n: number of controlled joints.
-        present, r, reaches: of the state.
-        gains, admission: of the mode.
     """
     period = admission.period
     failed, g = gradients_at(checked.start, checked.x, checked.bounds, r, reaches)
@@ -278,14 +270,11 @@ def step_bounds(
 
 @compiled
 def share_within(s: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> float:
-    """The largest share of s that is within bounds with 0 between them.
+    """The largest share of s, in [0, 1], that is within bounds with 0 between them.
 
     Args:
         s: (nv,) [rad/s].
         lowest, highest: (n,) bounds of the first n [rad/s].
-
-    Returns:
-        in [0, 1].
     """
     share = 1.0
     for i in range(len(lowest)):
@@ -320,8 +309,6 @@ def admit(
         s_1: (n,) of the guard.
         q, v: (nq,), (nv,) state.
         d: (2, Nr) distances of all rows at q and at q_s [m].
-        constraints, norm: of the guard.
-        r, numbers: of the robot and the mode.
 
     Returns:
         (n,), (n_p,) s of the controlled and the prescribed joints; (4,) how it was

@@ -75,23 +75,15 @@ class Constraints(NamedTuple):
     """Margins h that should stay positive and change by g s + drift per second.
 
     Rows of pairs and of joint limits alike: of a limit, g is a signed unit vector.
-
-    Attributes:
-        h: (C,) margins where the robot will come to rest: distances of pairs [m],
-            or from a joint to a limit [rad], negative beyond it.
-        g: (C, n) their gradients by the controlled joints [m/rad or 1].
-        drift: (C,) their change other than by s: by the prescribed joints, and by
-            what of the slip goes towards the constraint [m/s or rad/s].
-        weight: (C,) omega of a pair, `row_weights`, or rho_JL |grad h_i| of a limit.
-        retreat: (C,) r, the speed at which a violated one must recede [m/s or
-            rad/s].
     """
 
-    h: np.ndarray
-    g: np.ndarray
-    drift: np.ndarray
-    weight: np.ndarray
-    retreat: np.ndarray
+    h: np.ndarray  # (C,) margins where the robot will come to rest: distances of pairs
+    # [m], or from a joint to a limit [rad], negative beyond it
+    g: np.ndarray  # (C, n) their gradients by the controlled joints [m/rad or 1]
+    drift: np.ndarray  # (C,) their change other than by s: by the prescribed joints,
+    # and by what of the slip goes towards the constraint [m/s or rad/s]
+    weight: np.ndarray  # (C,) `row_weights` of pairs, rho_JL |grad h_i| of limits
+    retreat: np.ndarray  # (C,) r, how fast a violated one must recede [m/s or rad/s]
 
 
 @compiled
@@ -114,7 +106,6 @@ def with_resting(q: np.ndarray, v: np.ndarray, r: Robot, T: float) -> np.ndarray
 
     Args:
         q, v: (nq,), (nv,) state in the plant's order.
-        r: of the robot.
         T: [s].
     """
     q_s = resting_configuration(q[r.positions], v[r.order], T, r.turn)
@@ -194,15 +185,12 @@ def weighed_margins(
 def row_weights(
     h: np.ndarray, d_min: float, rho: float, alpha: float, beta: float
 ) -> np.ndarray:
-    """(L5): omega, the magnitude of Eq. (23) at the margin eta = h - d_min.
+    """(L5): omega (R,), the magnitude of Eq. (23) at the margin eta = h - d_min.
 
     Args:
         h: (R,) distances at rest, `weighed_margins` [m].
         d_min: distance to keep [m].
         rho, alpha, beta: amplitude, decay [1/m] and exponent of Eq. (22).
-
-    Returns:
-        (R,) finite: eta counts as at least SMALLEST_MARGIN.
     """
     eta = np.maximum(h - d_min, SMALLEST_MARGIN)
     return rho * np.exp(-alpha * eta) * eta**-beta * (beta / eta + alpha)
@@ -245,7 +233,6 @@ def pair_constraints(
         weighed: (R,) `weighed_margins` [m].
         slip: (n,) velocity of q_s that is not commanded, see `slip_velocity`; only
             what approaches counts [rad/s].
-        gains: of the mode.
     """
     near = np.flatnonzero(h < gains.influence_distance)
     h, g = h[near], g[near]
@@ -309,8 +296,6 @@ def limit_constraints(
         weighed: (nl,) `weighed_margins` [rad].
         slip: (n,) velocity of q_s that is not commanded, see `slip_velocity`;
             only what goes towards the limit counts [rad/s].
-        limits: of the joints.
-        gains: of the mode.
     """
     joints, inward = limits.joints, limits.inward
     nl = len(joints)
@@ -415,12 +400,10 @@ def find_constraints(
     """The rows of pairs and of limits that weigh.
 
     Args:
-        state: of the robot.
         h, by_pairs: (2 Nr,) margins of the pairs, and those by which they weigh [m].
         to_limits, by_limits: (nl,) the same of limits [rad].
         s_p: (n_p,) velocity of q_s of the prescribed joints.
         slip: (n,) that is expected to go on [rad/s].
-        limits, gains: of the mode.
     """
     n, v = len(slip), state.v
     by_joint = state.dd_dv.reshape(len(h), len(v))

@@ -42,7 +42,6 @@ def leg_motion(
     Args:
         p: (3,) where the base is [m].
         x: (3,) its rate, or a displacement [m/s, m].
-        legs: that follow.
     """
     M, L = legs.coefficients.shape
     most = legs.degrees.max()

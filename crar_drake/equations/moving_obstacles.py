@@ -31,6 +31,7 @@ from crar_drake.equations.lookahead_rows import (
     pair_constraints,
     pair_margins,
 )
+from crar_drake.equations.path_balls import least_length
 from crar_drake.equations.vectors import times
 
 # A line is halved so often before a link that is not shown to be clear counts as not;
@@ -121,21 +122,14 @@ class Levels(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What is found of a line.
+    """What is found of a line."""
 
-    Attributes:
-        clear: whether every link keeps its levels.
-        clearance: no distance is smaller, less what a sphere can come nearer meanwhile,
-            if it is clear [m].
-        link, sphere: what is farthest below its level, -1 if nothing is.
-        failed: (L, N) bool, what is not clear; if quickly looked at, some of it.
-    """
-
-    clear: bool
-    clearance: float
-    link: int
-    sphere: int
-    failed: np.ndarray
+    clear: bool  # whether every link keeps its levels
+    clearance: float  # no distance is smaller, less what a sphere can come nearer
+    # meanwhile, if it is clear [m]
+    link: int  # which is farthest below its level, -1 if none is
+    sphere: int  # of which sphere
+    failed: np.ndarray  # (L, N) bool, what is not clear; if looked at quickly, some
 
 
 def passing(T: float, period: float, floor: float, harmless: float) -> Passing:
@@ -176,7 +170,6 @@ def braking_time(t: float, before: float, numbers: Passing) -> float:
     Args:
         t: seconds along the line at the speed that it begins with; at most `last_time`.
         before: as of `Line`.
-        numbers: of the filter.
     """
     if t <= before:
         return numbers.eta + t
@@ -226,7 +219,6 @@ def links_near(
         bend: (L,) how far each link may be off its chord [m].
         seconds: (L,) that spheres have to come nearer.
         enough: the distance besides [m].
-        spheres, links: which.
 
     Returns:
         (k, 2) links and spheres; no distance of the others is smaller, less what the
@@ -270,12 +262,8 @@ def links_near(
             z = start[i, 2] - spheres.centre[k, 2] - 0.5 * c
             u, v = end[i, 0] - start[i, 0], end[i, 1] - start[i, 1]
             w = end[i, 2] - start[i, 2]
-            here, towards = x * x + y * y + z * z, x * u + y * v + z * w
-            if towards < 0.0:
-                way = u * u + v * v + w * w
-                t = min(-towards / way, 1.0)
-                here = max(here + t * (2.0 * towards + t * way), 0.0)
-            apart = np.sqrt(here) - links.radius[i] - bend[i] - r - V * seconds[i]
+            apart = least_length(x, y, z, u, v, w) - links.radius[i] - bend[i]
+            apart = apart - r - V * seconds[i]
             # A bound that is none (NaN) shows nothing.
             if apart >= enough:
                 low = min(low, apart)
@@ -304,11 +292,8 @@ def near_line(
     """`links_near` of a line, to the floor.
 
     Args:
-        line: which.
         last: (L,) `last_times`.
         reach: (L, nv) `own_reach`.
-        spheres: which.
-        r: of the robot.
         law: holds `WorldLaw`.
     """
     links, numbers = law.value.links.value, law.value.numbers
@@ -380,10 +365,7 @@ def line_bounds(
 
     Args:
         line: the way and the braking path.
-        levels: to be kept.
         quick: whether one that fails is enough to know.
-        spheres: which.
-        r: of the robot.
         law: holds `WorldLaw`.
     """
     links, numbers = law.value.links.value, law.value.numbers
@@ -539,11 +521,7 @@ def command_line(q: np.ndarray, v_next: np.ndarray, law: Held) -> Line:
 
 @compiled
 def are_clear(
-    q: np.ndarray,
-    v: np.ndarray,
-    spheres: Spheres,
-    robot: Held,
-    law: Held,
+    q: np.ndarray, v: np.ndarray, spheres: Spheres, robot: Held, law: Held
 ) -> np.ndarray:
     """(N,) bool, of which spheres the state (n,), (n,) is shown to be clear: (M2)."""
     line, levels = braking_line(q, v, law), floors(spheres, law)
@@ -565,10 +543,7 @@ def present_levels(
     the smallest distance there, less what the sphere comes nearer until then.
 
     Args:
-        line: the present braking path.
         clear: (N,) bool, of which spheres the state is known to be clear.
-        spheres: which.
-        r: of the robot.
         law: holds `WorldLaw`.
     """
     links, numbers = law.value.links.value, law.value.numbers
@@ -607,10 +582,8 @@ def link_gradient(
     """The distance of a link from a sphere, and how the joints change it.
 
     Args:
-        i, o: the link and the sphere.
         at: (P, 3) of `place_links` [m].
         S: (6, n) of `joint_motion` there.
-        spheres, links: which.
 
     Returns:
         The distance of the nearest shape [m]; (n,) its gradient; (3,) the unit normal
@@ -661,9 +634,6 @@ def sphere_rows(
     Args:
         q, v: (n,), (n,) state.
         s_0: (n,) the nominal velocity.
-        spheres: which.
-        gains: of the mode.
-        r: of the robot.
         law: holds `WorldLaw`.
     """
     links, numbers, n = law.value.links.value, law.value.numbers, len(q)
@@ -720,8 +690,6 @@ def evading_rows(
     Args:
         q, v: (n,), (n,) state.
         v_next: (n,) the velocity of the command.
-        moving: what is evaded.
-        r: of the robot.
         law: holds `WorldLaw`.
 
     Returns:

@@ -6,11 +6,7 @@ their distance from below, for a tenth of the effort.
 
 import numpy as np
 
-from crar_drake.equations.admission import (
-    Bounds,
-    Reaches,
-    path_bounds,
-)
+from crar_drake.equations.admission import Bounds, Reaches, path_bounds
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.kinematics import Robot, link_poses, place_points

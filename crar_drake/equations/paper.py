@@ -55,19 +55,12 @@ class PaperGains(NamedTuple):
 
 
 class ConstraintWeights(NamedTuple):
-    """The diagonal of W, and what its next evaluation compares with.
+    """The diagonal of W, and what its next evaluation compares with."""
 
-    Attributes:
-        W: (n,).
-        nearness: (n,) what W would be if everything were being approached.
-        limit_proximity: (n,) for the next step's Eq. (18).
-        pair_proximity: (Nc, n) for the next step's Eq. (21).
-    """
-
-    W: np.ndarray
-    nearness: np.ndarray
-    limit_proximity: np.ndarray
-    pair_proximity: np.ndarray
+    W: np.ndarray  # (n,)
+    nearness: np.ndarray  # (n,) what W would be if everything were being approached
+    limit_proximity: np.ndarray  # (n,) for the next step's Eq. (18).
+    pair_proximity: np.ndarray  # (Nc, n) for the next step's Eq. (21).
 
 
 @compiled
@@ -88,8 +81,6 @@ def constraint_weights(
         dd_dq: (Nc, n) Eq. (20).
         limit_before, pair_before: (n,), (Nc, n) the proximities of the step before;
             zeros at the first.
-        limits: of the joints.
-        gains: of the law.
     """
     near_limit = limit_gradient(q, limits)
     of_limits = limit_proximity(q, near_limit, limits)
@@ -121,13 +112,11 @@ def weighted_acceleration(
     """Eqs. (10), (15), (30)-(35) in their order, with a given W.
 
     Args:
-        references: of the tasks.
         qdot: (n,) velocities of the controlled joints [rad/s].
         W: (n,) diagonal of the weight.
         nearness: (n,) for an adaptive Gv, see `adaptive_gain`.
         inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
         qdot_c_before: (n,) Eq. (15) of the step before; (0,) at the first step.
-        gains: of the law.
 
     Returns:
         (n,) q_ddot [rad/s^2]; (n,) q_dot_c [rad/s]; (n,) diagonal of the weight.
@@ -191,8 +180,6 @@ def paper_step(
     """One control step of the paper's law; see the functions above.
 
     Args:
-        measured: the state.
-        targets: what to do.
         inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
         robot: holds a `Robot`.
         mode: holds `PaperNumbers`.
@@ -326,7 +313,6 @@ def start_step(
         d: (Nc,) signed distances [m].
         dd_dq: (Nc, n) Eq. (20).
         room: (n,), (n,) from where and to where joints may go.
-        limits: of the joints.
         gains: damping, rho, alpha, beta and limit_share count.
     """
     lower, upper = room

@@ -43,7 +43,6 @@ def curvature(x: np.ndarray, balls: Balls) -> np.ndarray:
 
     Args:
         x: (nv,) what each joint moves on the way [rad, m].
-        balls: of the robot.
     """
     speed = np.abs(x)
     return times(balls.reach, speed * (speed + 2.0 * times(balls.above, speed)))
@@ -66,7 +65,6 @@ def near_on_way(
         bend: (B,) how far each link may be off its chord [m].
         enough: the distance [m].
         pairs: of the shapes, the first configuration's in its first half.
-        balls: of the robot.
 
     Returns:
         (k,) which pairs of shapes; no distance of the others is smaller [m].
@@ -84,7 +82,7 @@ def near_on_way(
             u = centres[one, a, zero] - centres[one, b, zero] - x
             v = centres[one, a, one] - centres[one, b, one] - y
             w = centres[one, a, two] - centres[one, b, two] - z
-            apart, off = _least(x, y, z, u, v, w), size[a] + size[b]
+            apart, off = least_length(x, y, z, u, v, w), size[a] + size[b]
             # A bound that is none (NaN) shows nothing.
             if apart - off >= enough:
                 low = min(low, apart - off)
@@ -105,7 +103,7 @@ def near_on_way(
                 u += 0.5 * (end[k, zero] - end[m, zero])
                 v += 0.5 * (end[k, one] - end[m, one])
                 w += 0.5 * (end[k, two] - end[m, two])
-                apart = _least(x, y, z, u, v, w)
+                apart = least_length(x, y, z, u, v, w)
                 off = pairs.sizes.balls[row] + bend[a] + bend[b]
                 if apart - off >= enough:
                     low = min(low, apart - off)
@@ -116,7 +114,7 @@ def near_on_way(
 
 
 @compiled(loops=True)
-def _least(x, y, z, u, v, w):
+def least_length(x, y, z, u, v, w):
     """The smallest length of (x, y, z) + t (u, v, w), 0 <= t <= 1."""
     here, towards = x * x + y * y + z * z, x * u + y * v + z * w
     if towards < 0.0:

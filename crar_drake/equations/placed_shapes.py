@@ -50,9 +50,7 @@ def needed_by(
 
     Args:
         shapes: (k,) which of the pairs.
-        pairs: of shapes.
         first: (P,) of `place_points`, the joints' axes at its beginning.
-        tree: of the robot.
         nv: number of velocities, each with three points. (A free joint has six of
             them, and two frames.)
 
@@ -110,7 +108,6 @@ def place_pairs(
             where they are at q [m].
         q: (nq,) positions.
         shapes: (k,) which pairs of shapes.
-        r: of the robot.
 
     Returns:
         (6, nv) `joint_motion`, of the joints that move these shapes.

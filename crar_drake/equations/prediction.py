@@ -21,7 +21,7 @@ def next_state(
     plant_step: float,
     turn: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The state that an acceleration leads to which is held for a control period.
+    """The state q' (nq,), v' (nv,) that an acceleration held for a period leads to.
 
     With D = period and d = plant_step,
 
@@ -45,9 +45,6 @@ def next_state(
         plant_step: time step of the discrete plant, 0 for a continuous one [s]; one
             that is longer than the period counts as the period.
         turn: where an orientation begins in q and in v, see `equations.free_joints`.
-
-    Returns:
-        (nq,) q' and (nv,) v'.
     """
     v_next = v + period * vdot
     # Such that no rounding tells it from q + D v' where the steps are the periods.

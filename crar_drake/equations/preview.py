@@ -57,40 +57,24 @@ _SPARE_EFFORT = 0.97
 
 
 class Preview(NamedTuple):
-    """What the preview is made with, by `make_preview`; N instants, 0 if it is off.
+    """What the preview is made with, by `make_preview`; N instants, 0 if it is off."""
 
-    Attributes:
-        times: (N,) tau, the instants, from now on [s].
-        lengths: (N,) of the parts of constant acceleration that end there [s].
-        weights: (N,) of the errors at the instants [s].
-        moved: (N, N) C, how far an acceleration of 1 in part j has led at instant i
-            [s^2].
-        coasting: h, how long after an instant rows ask where the robot is [s].
-        coasted: (N, N) as C, that long after the instant and without acceleration
-            since [s^2].
-        errors: (N, N) C^T diag(weights) C.
-        tasks: (N, 3) C^T diag(weights) [1, tau, tau^2/2].
-        efforts: (N,) rho^2 of each part.
-        pull: (N, N) H, the null space's share of (L12) [1].
-        damping, stiffness: of the null space [1/s], [1/s^2].
-        farthest: of (L13) [rad or m].
-        task_damping: lambda of N in (L12) [m].
-    """
-
-    times: np.ndarray
-    lengths: np.ndarray
-    weights: np.ndarray
-    moved: np.ndarray
-    coasting: float
-    coasted: np.ndarray
-    errors: np.ndarray
-    tasks: np.ndarray
-    efforts: np.ndarray
-    pull: np.ndarray
-    damping: float
-    stiffness: float
-    farthest: float
-    task_damping: float
+    times: np.ndarray  # (N,) tau, the instants, from now on [s]
+    lengths: np.ndarray  # (N,) of the parts of constant acceleration that end there [s]
+    weights: np.ndarray  # (N,) of the errors at the instants [s]
+    moved: np.ndarray  # (N, N) C, how far an acceleration of 1 in part j has led at
+    # instant i [s^2]
+    coasting: float  # h, how long after an instant rows ask where the robot is [s]
+    coasted: np.ndarray  # (N, N) as C, that long after the instant and without
+    # acceleration since [s^2]
+    errors: np.ndarray  # (N, N) C^T diag(weights) C
+    tasks: np.ndarray  # (N, 3) C^T diag(weights) [1, tau, tau^2/2]
+    efforts: np.ndarray  # (N,) rho^2 of each part
+    pull: np.ndarray  # (N, N) H, the null space's share of (L12) [1]
+    damping: float  # of the null space [1/s]
+    stiffness: float  # likewise [1/s^2]
+    farthest: float  # of (L13) [rad or m]
+    task_damping: float  # lambda of N in (L12) [m]
 
 
 def make_preview(
@@ -148,8 +132,6 @@ def shifted_plan(
 
     Args:
         plan: (N n,) of one period ago; (0,) at a start.
-        preview: its numbers.
-        n: number of controlled joints.
         period: of the controller [s].
     """
     N = len(preview.times)
@@ -182,7 +164,6 @@ def expected_motion(
         v: (nv,) velocities.
         qddot_p: (n_p,) of the prescribed joints.
         plan: (N, n) accelerations of the others.
-        preview: of the law.
     """
     N, n = plan.shape
     x = np.zeros((N, len(v)))
@@ -210,9 +191,7 @@ def possible_motion(
     Args:
         x: (N, nv) `expected_motion` [rad or m].
         q: (n,) positions of the controlled joints.
-        limits: theirs.
         fastest: [rad/s or m/s].
-        preview: of the law.
     """
     possible = x.copy()
     for c in range(len(q)):
@@ -245,13 +224,9 @@ def rows_ahead(
     its retreat speed, however deep it is, and not at once.
 
     Args:
-        state: of the robot.
         x: (N, nv) `possible_motion` of the last plan.
-        limits: of the joints.
         gains: of the mode: pairs that are farther apart now than its influence distance
             have no row.
-        r, reaches: of the robot.
-        preview: of the law.
 
     Returns:
         (C, N n) rows and (C,) the least of each that is asked for.
@@ -307,7 +282,6 @@ def speed_rows(
         qdot: (n,) velocities.
         plan: (N, n) the last one.
         fastest: [rad/s or m/s].
-        preview: of the law.
     """
     N, n = plan.shape
     rows, least, found = np.zeros((N * n, N * n)), np.empty(N * n), 0
@@ -326,7 +300,7 @@ def speed_rows(
 
 @compiled
 def effort_rows(
-    efforts: np.ndarray, qddot_p: np.ndarray, plan: np.ndarray, preview: Preview
+    efforts: np.ndarray, qddot_p: np.ndarray, plan: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(L12): rows as of `rows_ahead` of motors of which the last plan asks for much.
 
@@ -338,7 +312,6 @@ def effort_rows(
         efforts: (k, nv + 2) of each motor: A, in the robot's order, b, and the limit.
         qddot_p: (n_p,) of the prescribed joints.
         plan: (N, n) the last one.
-        preview: of the law.
     """
     N, n = plan.shape
     rows, least = np.zeros((N * len(efforts), N * n)), np.empty(N * len(efforts))
@@ -412,13 +385,11 @@ def plan_accelerations(
     where N = lambda^2 (J^T J + lambda^2 I)^-1 leaves z to what tasks do not need.
 
     Args:
-        references: what the tasks ask for.
         of_rows: (m,) the task of each row.
         task_damping: lambda [m].
         posture_error: (n,) q - q_nominal, or zeros [rad].
         qdot: (n,) velocities.
         rows, least: of `rows_ahead`.
-        preview: of the law.
     """
     N, n = len(preview.times), len(qdot)
     shares = task_shares(references.e, of_rows, preview.farthest)
@@ -482,12 +453,9 @@ def preview_plan(
     """(L10)-(L13) in their order, (N n,) [rad/s^2].
 
     Args:
-        state: of the robot.
-        references: what the tasks ask for.
         posture: (n,) nominal one, or (0,) [rad].
         before: (N n,) the plan of one period ago, or (0,).
         efforts: (k, nv + 2) of `effort_rows`.
-        r, numbers: of the robot and the mode.
     """
     preview, limits = numbers.preview.value, numbers.limits.value
     n, gains = r.n, numbers.gains
@@ -496,7 +464,7 @@ def preview_plan(
     x = possible_motion(x, state.q[:n], limits, gains.nominal_speed_limit, preview)
     rows, least = rows_ahead(state, x, limits, gains, r, numbers.reaches, preview)
     slow, least_slow = speed_rows(state.v[:n], plan, gains.nominal_speed_limit, preview)
-    weak, least_weak = effort_rows(efforts, references.qddot_p, plan, preview)
+    weak, least_weak = effort_rows(efforts, references.qddot_p, plan)
     posture_error = np.zeros(n)
     if len(posture):
         posture_error = state.q[:n] - posture
@@ -522,7 +490,6 @@ def previewed_velocity(
     Args:
         plan: (N n,) `plan_accelerations`.
         qdot: (n,) velocities [rad/s].
-        gains, preview: of the mode.
 
     Returns:
         (n,) s_0 of the first acceleration; (n,) the velocity it has led to at the first

@@ -22,15 +22,12 @@ from crar_drake.equations.vectors import times
 def reference_velocity(
     v_d: np.ndarray, e: np.ndarray, K: float | np.ndarray
 ) -> np.ndarray:
-    """Eq. (9), in brackets: v_d + K e, also the right-hand side of Eq. (15).
+    """Eq. (9), in brackets: v_d + K e, also the right side of Eq. (15), (m,).
 
     Args:
         v_d: (m,) desired task velocity [rad/s, m/s].
         e: (m,) task error of Eq. (11) [rad, m].
         K: gain, a scalar or (m,) [1/s].
-
-    Returns:
-        (m,) [rad/s, m/s].
     """
     return v_d + K * e
 
@@ -44,7 +41,7 @@ def reference_acceleration(
     Kp: float | np.ndarray,
     Kv: float | np.ndarray,
 ) -> np.ndarray:
-    """Eq. (14): a_r = a_d + Kv (v_d - v) + Kp e.
+    """Eq. (14): a_r = a_d + Kv (v_d - v) + Kp e, (m,) [rad/s^2, m/s^2].
 
     Args:
         a_d: (m,) desired task acceleration [rad/s^2, m/s^2].
@@ -53,9 +50,6 @@ def reference_acceleration(
         e: (m,) task error of Eq. (11) [rad, m].
         Kp: gain, a scalar or (m,) [1/s^2].
         Kv: gain, a scalar or (m,) [1/s].
-
-    Returns:
-        (m,) [rad/s^2, m/s^2].
     """
     return a_d + Kv * (v_d - v) + Kp * e
 
@@ -96,32 +90,20 @@ class Targets(NamedTuple):
 
 
 class References(NamedTuple):
-    """What the targets ask for, with task weights applied to every row.
+    """What the targets ask for, with task weights applied to every row."""
 
-    Attributes:
-        J: (m, n) task Jacobian of the controlled joints.
-        v_r: (m,) v_d + K e less the prescribed joints' share.
-        a_r: (m,) Eq. (14) less the prescribed joints' share and the bias.
-        posture: (n,) acceleration towards the nominal posture; 0 if off.
-        qddot_p: (n_p,) accelerations of the prescribed joints.
-        error: (m,) Eq. (11) against the targets as given, without weights.
-        qdot_0, qddot_0: (n,) what the damped inverse is damped towards at the
-            velocity and the acceleration level, `undamped_preference`; (0,) for 0.
-        e, e_dot: (m,) Eq. (11) against the blended targets, and how fast it changes.
-        a_ff: (m,) a_r without feedback.
-    """
-
-    J: np.ndarray
-    v_r: np.ndarray
-    a_r: np.ndarray
-    posture: np.ndarray
-    qddot_p: np.ndarray
-    error: np.ndarray
-    qdot_0: np.ndarray = _NONE
+    J: np.ndarray  # (m, n) task Jacobian of the controlled joints
+    v_r: np.ndarray  # (m,) v_d + K e less the prescribed joints' share
+    a_r: np.ndarray  # (m,) Eq. (14) less the prescribed joints' share and the bias.
+    posture: np.ndarray  # (n,) acceleration towards the nominal posture; 0 if off
+    qddot_p: np.ndarray  # (n_p,) accelerations of the prescribed joints
+    error: np.ndarray  # (m,) Eq. (11) against the targets as given, without weights.
+    qdot_0: np.ndarray = _NONE  # (n,) what the damped inverse is damped towards at the
+    # velocity and the acceleration level, `undamped_preference`; (0,) for 0
     qddot_0: np.ndarray = _NONE
-    e: np.ndarray = _NONE
-    e_dot: np.ndarray = _NONE
-    a_ff: np.ndarray = _NONE
+    e: np.ndarray = _NONE  # (m,) Eq. (11) against the blended targets
+    e_dot: np.ndarray = _NONE  # (m,) how fast it changes
+    a_ff: np.ndarray = _NONE  # (m,) a_r without feedback
 
 
 @compiled
@@ -133,8 +115,6 @@ def find_error(
     Args:
         q: (n,) positions of the controlled joints, or of all in that order [rad or m].
         R, p: (Na, 3, 3), (Nl, 3) of the tasks, see `task_error`.
-        desired: the targets.
-        rows: which rows belong to which task.
     """
     e = task_error(rows, R, p, desired.R, desired.p)
     return put_joint_rows(e, desired.q - q[rows.joints], rows)
@@ -150,7 +130,7 @@ def error_from_targets(
 
 @compiled
 def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarray:
-    """x_0 of `References`: what the tasks that are joints ask of these, else 0.
+    """x_0 of `References`, (n,): what tasks that are joints ask of these; (0,) without.
 
     Eq. (34) damps x of J x = b towards 0, and so biases a joint, whose row is a unit
     vector: x = b / (1 + lambda^2). It is damped towards x_0 instead,
@@ -162,11 +142,6 @@ def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarr
 
     Args:
         of_rows: (m,) right-hand side of a level, without weights.
-        n: number of controlled joints.
-        rows: which rows belong to which task.
-
-    Returns:
-        (n,); (0,) where no task is a joint.
     """
     count = len(rows.joints)
     x_0 = np.zeros(n if count else 0)
@@ -179,15 +154,12 @@ def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarr
 def posture_acceleration(
     targets: np.ndarray, q: np.ndarray, qdot: np.ndarray, stiffness: float
 ) -> np.ndarray:
-    """A critically damped pull towards a posture, for the null space (Eq. (33)).
+    """A critically damped pull towards a posture, of the null space (Eq. (33)), (n,).
 
     Args:
         targets: (n,) positions [rad].
         q, qdot: (n,) present positions [rad] and velocities [rad/s].
         stiffness: [1/s^2].
-
-    Returns:
-        (n,) [rad/s^2].
     """
     return stiffness * (targets - q) - 2.0 * np.sqrt(stiffness) * qdot
 
@@ -199,11 +171,7 @@ def find_references(
     """Eqs. (9), (14): what the blended targets ask for, weighted.
 
     Args:
-        state: of the robot.
-        targets: the targets.
-        rows: which rows belong to which task.
         turn: of the robot, see `Robot`.
-        gains: of the law.
     """
     prescribed, blend, start = targets.prescribed, targets.blend, targets.start
     n_p = len(prescribed) // 3  # an orientation has one position more than velocities

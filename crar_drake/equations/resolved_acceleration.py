@@ -19,16 +19,13 @@ from crar_drake.equations.weighted_inverse import (
 
 @compiled
 def constrained_velocity(J_star: DampedInverse, v_r: np.ndarray) -> np.ndarray:
-    """Eq. (15): q_dot_c = J+ (v_d + K e), constrained by the weight in J+.
+    """Eq. (15): q_dot_c = J+ (v_d + K e), constrained by the weight in J+, (n,).
 
     With W = I it is Eq. (9).
 
     Args:
         J_star: Eq. (34).
         v_r: (m,) v_d + K e of Eq. (9), less the prescribed joints' share.
-
-    Returns:
-        (n,) [rad/s].
     """
     return inverse_times(J_star, v_r)
 
@@ -37,16 +34,13 @@ def constrained_velocity(J_star: DampedInverse, v_r: np.ndarray) -> np.ndarray:
 def velocity_level_acceleration(
     qdot_c: np.ndarray, previous: np.ndarray, period: float
 ) -> np.ndarray:
-    """Eqs. (3), (10): alpha = q_ddot_r = d/dt q_dot_r, over one control step.
+    """Eqs. (3), (10): alpha = q_ddot_r = d/dt q_dot_r, over one control step, (n,).
 
     Args:
         qdot_c: (n,) Eq. (15) at this step [rad/s].
         previous: (n,) the same at the previous step; at the first step, where there
             is no difference to take, qdot_c itself: alpha is then 0 (no spike).
         period: control period [s].
-
-    Returns:
-        (n,) [rad/s^2].
     """
     return (qdot_c - previous) / period
 
@@ -63,7 +57,7 @@ def null_space_motion(
 def acceleration_level_acceleration(
     J_star: DampedInverse, J: np.ndarray, a_r: np.ndarray, zeta: np.ndarray
 ) -> np.ndarray:
-    """Eqs. (13), (31), (35): alpha = J+ (a_r - Jdot qdot) [+ N zeta if m < n].
+    """Eqs. (13), (31), (35): alpha = J+ (a_r - Jdot qdot) [+ N zeta if m < n], (n,).
 
     Args:
         J_star: Eq. (34).
@@ -71,9 +65,6 @@ def acceleration_level_acceleration(
         a_r: (m,) Eq. (14), less the bias Jdot qdot and the prescribed joints' share
             [rad/s^2, m/s^2].
         zeta: (n,) Eq. (33) [rad/s^2].
-
-    Returns:
-        (n,) [rad/s^2].
     """
     alpha = inverse_times(J_star, a_r)
     m, n = J.shape
@@ -84,12 +75,9 @@ def acceleration_level_acceleration(
 
 @compiled
 def constrained_resolved_acceleration(
-    alpha: np.ndarray,
-    qdot_c: np.ndarray,
-    qdot: np.ndarray,
-    Gv: float | np.ndarray,
+    alpha: np.ndarray, qdot_c: np.ndarray, qdot: np.ndarray, Gv: float | np.ndarray
 ) -> np.ndarray:
-    """Eqs. (12), (30): alpha_c = alpha + Gv (q_dot_c - q_dot).
+    """Eqs. (12), (30): alpha_c = alpha + Gv (q_dot_c - q_dot), (n,).
 
     With alpha of Eq. (10) it is Eq. (12) with K_qv = H Gv, the reading taken here:
     both levels then differ in alpha only.
@@ -99,16 +87,13 @@ def constrained_resolved_acceleration(
         qdot_c: (n,) Eq. (15) [rad/s].
         qdot: (n,) present velocity [rad/s].
         Gv: gain, a scalar or (n,) [1/s].
-
-    Returns:
-        (n,) [rad/s^2].
     """
     return alpha + Gv * (qdot_c - qdot)
 
 
 @compiled
 def adaptive_gain(far: float, near: float, nearness: np.ndarray) -> np.ndarray:
-    """Gv of each joint, between its values far from and near to the constraints.
+    """Gv (n,) of each joint, between those far from and near to the constraints.
 
         Gv_i = far + (near - far) (1 - 1 / w_i)
 
@@ -120,8 +105,5 @@ def adaptive_gain(far: float, near: float, nearness: np.ndarray) -> np.ndarray:
         far: gain where w_i = 1 [1/s].
         near: gain where w_i is infinite [1/s].
         nearness: (n,) w_i, at least 1.
-
-    Returns:
-        (n,) [1/s].
     """
     return far + (near - far) * (1.0 - 1.0 / nearness)

@@ -33,21 +33,13 @@ class TaskRows(NamedTuple):
 
 
 class DesiredTasks(NamedTuple):
-    """The targets of one instant, in the order of a TaskLayout.
+    """The targets of one instant, in the order of a TaskLayout."""
 
-    Attributes:
-        R: (Na, 3, 3) desired orientations R_WTd, of the tasks that have one.
-        p: (Nl, 3) desired positions p_WTd [m], of the tasks that have one.
-        v: (m,) desired velocities, Eq. (4) [rad/s, m/s].
-        a: (m,) desired accelerations [rad/s^2, m/s^2].
-        q: (Nj,) desired positions of the tasks that are joints [rad or m].
-    """
-
-    R: np.ndarray
-    p: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    q: np.ndarray = _NO_JOINTS
+    R: np.ndarray  # (Na, 3, 3) desired orientations R_WTd, of the tasks that have one
+    p: np.ndarray  # (Nl, 3) desired positions p_WTd [m], of the tasks that have one
+    v: np.ndarray  # (m,) desired velocities, Eq. (4) [rad/s, m/s].
+    a: np.ndarray  # (m,) desired accelerations [rad/s^2, m/s^2]
+    q: np.ndarray = _NO_JOINTS  # (Nj,) desired positions of joints [rad or m]
 
 
 @dataclass(frozen=True)
@@ -218,7 +210,7 @@ def num_rows(rows: TaskRows) -> int:
 
 @compiled
 def orientation_error(R: np.ndarray, R_d: np.ndarray) -> np.ndarray:
-    """Eq. (11), upper part: 1/2 (n x n_d + s x s_d + c x c_d).
+    """Eq. (11), upper part: 1/2 (n x n_d + s x s_d + c x c_d), (Na, 3) in W.
 
     Equals sin(theta) times the axis of the rotation from R to R_d, so it vanishes
     at 180 degrees too: from exactly there it gives no direction.
@@ -226,9 +218,6 @@ def orientation_error(R: np.ndarray, R_d: np.ndarray) -> np.ndarray:
     Args:
         R: (Na, 3, 3) present orientations R_WT, columns n, s, c.
         R_d: (Na, 3, 3) desired orientations R_WTd.
-
-    Returns:
-        (Na, 3) error, expressed in W [rad for small angles].
     """
     n, s, c = R[:, :, 0], R[:, :, 1], R[:, :, 2]
     n_d, s_d, c_d = R_d[:, :, 0], R_d[:, :, 1], R_d[:, :, 2]
@@ -239,7 +228,7 @@ def orientation_error(R: np.ndarray, R_d: np.ndarray) -> np.ndarray:
 def task_error(
     rows: TaskRows, R: np.ndarray, p: np.ndarray, R_d: np.ndarray, p_d: np.ndarray
 ) -> np.ndarray:
-    """Eq. (11): the stacked error e, orientation above position per task.
+    """Eq. (11): the stacked error e (m,), orientation above position per task.
 
     Those of joints are left at 0: `put_joint_rows`.
 
@@ -249,9 +238,6 @@ def task_error(
         p: (Nl, 3) present positions [m] of the tasks that have one.
         R_d: (Na, 3, 3) desired orientations.
         p_d: (Nl, 3) desired positions [m].
-
-    Returns:
-        (m,) error [rad, m].
     """
     return stack_rows(orientation_error(R, R_d), p_d - p, rows)
 
@@ -283,17 +269,13 @@ def task_weights(
     position_weights: Sequence[float],
     orientation_weights: Sequence[float],
 ) -> np.ndarray:
-    """Row weights S of the tasks: J, v, a of Eqs. (5), (6) become S J, S v, S a.
+    """Row weights S (m,) of the tasks: J, v, a of Eqs. (5), (6) become S J, S v, S a.
 
     With them the damped least squares of Eq. (34) weighs metres against radians.
 
     Args:
-        layout: which rows belong to which task.
         position_weights: per task, for its position rows [1], of a joint [m/rad].
         orientation_weights: per task, for its orientation rows [m/rad].
-
-    Returns:
-        (m,) weights.
     """
     S = np.ones(layout.m)
     S[layout.angular_rows] = np.asarray(orientation_weights)[layout.angular_tasks, None]

@@ -31,13 +31,7 @@ import numpy as np
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.one_sided import one_sided_minimum
 from crar_drake.equations.prediction import state_ahead
-from crar_drake.equations.vectors import (
-    identity,
-    largest,
-    put_at,
-    sum_rows,
-    times,
-)
+from crar_drake.equations.vectors import identity, largest, put_at, sum_rows, times
 
 # Share of a limit that braking in the next step may need [1]: the rest is for what
 # changes in between, of Coriolis forces and gravity.
@@ -51,16 +45,11 @@ _INSIDE = 1e-6
 
 
 class TorqueScale(NamedTuple):
-    """The largest share of the nominal step that the limits allow.
+    """The largest share of the nominal step that the limits allow."""
 
-    Attributes:
-        theta: in [0, 1].
-        excess: by which share of its limit the torque of the worst actuator is
-            still beyond it [1]; 0 if the limits can be respected.
-    """
-
-    theta: float
-    excess: float
+    theta: float  # in [0, 1]
+    excess: float  # by which share of its limit the torque of the worst actuator is
+    # still beyond it [1]; 0 if the limits can be respected
 
 
 @compiled

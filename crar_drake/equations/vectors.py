@@ -72,20 +72,16 @@ def largest(x: np.ndarray) -> float:
     return found
 
 
-def _is_finite_loops(x):
-    s = 0.0
-    for i in range(len(x)):
-        s += x[i] * x[i]
-    return math.isfinite(s)
-
-
-@compiled(loops=_is_finite_loops)
+@compiled(loops=True)
 def is_finite(x: np.ndarray) -> bool:
     """Whether no entry of x (n,) is NaN or infinite, without asking each.
 
     A sum of squares is finite unless an entry is not, or is beyond all sense.
     """
-    return math.isfinite(x.dot(x))
+    s = 0.0
+    for i in range(len(x)):
+        s += x[i] * x[i]
+    return math.isfinite(s)
 
 
 @compiled(loops=True)
@@ -305,19 +301,15 @@ def forward(L: np.ndarray, B: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(dtrtrs(L, B, lower=1)[0])
 
 
-def _backward_loops(L, b):
+@compiled(loops=True)
+def backward(L: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """L^-T b (n,) of b (n,), L lower triangular."""
     x = b.copy()
     for i in range(len(L) - 1, -1, -1):
         x[i] /= L[i, i]
         for k in range(i):
             x[k] -= L[i, k] * x[i]
     return x
-
-
-@compiled(loops=_backward_loops)
-def backward(L: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """L^-T b (n,) of b (n,), L lower triangular."""
-    return dtrtrs(L, b, lower=1, trans=1)[0]
 
 
 @compiled(loops=True)

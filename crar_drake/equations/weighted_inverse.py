@@ -17,16 +17,11 @@ from crar_drake.equations.vectors import (
 
 
 class DampedInverse(NamedTuple):
-    """J* of Eq. (34), ready to be multiplied; made by `damped_inverse`.
+    """J* of Eq. (34), ready to be multiplied; made by `damped_inverse`."""
 
-    Attributes:
-        B: (n, m) W^-1 J^T if m < n, else J^T.
-        L: lower Cholesky factor: if m < n (m, m) of J W^-1 J^T + lambda^2 I, else
-            (n, n) of J^T J + lambda^2 W.
-    """
-
-    B: np.ndarray
-    L: np.ndarray
+    B: np.ndarray  # (n, m) W^-1 J^T if m < n, else J^T
+    L: np.ndarray  # lower Cholesky factor: if m < n (m, m) of J W^-1 J^T + lambda^2 I,
+    # else (n, n) of J^T J + lambda^2 W
 
 
 @compiled

@@ -83,9 +83,7 @@ def scale_acceleration(
     For what the effort limits have changed after `admit`.
 
     Args:
-        measured: the state, and q_s.
         vdot: (nv,) accelerations in the plant's order.
-        robot, numbers: of the robot and the mode.
 
     Returns:
         (nv,) accelerations; (4,) of `admit`.
@@ -250,7 +248,6 @@ def within_limits(
 
     Args:
         nominal, v: (nv,) accelerations and velocities, in the robot's order.
-        n: number of the controlled joints.
         efforts: of `limited_acceleration`.
         lowest, highest: (n,) bounds of their accelerations [rad/s^2].
         T, period: [s].
@@ -371,12 +368,10 @@ def limited_acceleration(
     horizons, and the most promising one is looked at first: the admission leaves less.
 
     Args:
-        measured: the state.
         vdot: (nv,) the nominal accelerations, admitted for the shortest horizon, in
             the plant's order.
         efforts: (nu, nv + 2) A, in the robot's order, b and the limit of each motor, by
             which |A q_ddot + b| is to be at most the limit.
-        robot, numbers: of the robot and the mode.
 
     Returns:
         (nv,) accelerations; (nu,) their torque, clipped; (2,) how much is left of the
@@ -475,10 +470,4 @@ def limited_acceleration(
         r.order,
         r.turn,
     )
-    return (
-        chosen,
-        tau,
-        np.array([share, excess]),
-        after,
-        admission,
-    )
+    return (chosen, tau, np.array([share, excess]), after, admission)

@@ -38,9 +38,7 @@ class Masses(NamedTuple):
     """
 
     tree: Held  # of a `Tree`
-    velocity: (
-        np.ndarray
-    )  # (N,) which of the plant's velocities moves the frame; 0's any
+    velocity: np.ndarray  # (N,) the index in v of what moves the frame; 0's any
     turn: np.ndarray  # (N, 3) its axis of rotation in the frame, 0 if it only slides
     slide: np.ndarray  # (N, 3) the direction of its slide in the frame, 0 if it turns
     mass: np.ndarray  # (N,) [kg]
@@ -189,7 +187,6 @@ def wrench_slopes(
         x: (nv,) velocities, likewise.
         joints: (n,) velocities that it is asked of; each alone moves one frame. None
             is a leg's that follows.
-        masses: of the robot.
     """
     tree = masses.tree.value
     N, n = len(masses.mass), len(joints)

@@ -98,7 +98,7 @@ class TriangleMesh:
         return self.vertices[used[first]]
 
     def winding_numbers(self, p_BQ: np.ndarray) -> np.ndarray:
-        """How often the surface goes around each point.
+        """How often the surface goes around each point, (P,).
 
         Of a closed surface it is 1 (or -1, if the triangles face inward) inside and 0
         outside. Of one with holes it is in between: the generalized winding number
@@ -107,9 +107,6 @@ class TriangleMesh:
 
         Args:
             p_BQ: (P, 3) points that are not on the surface [m].
-
-        Returns:
-            (P,) winding numbers.
         """
         points = np.asarray(p_BQ, dtype=float).reshape(-1, 3)
         corners = self.vertices[self.faces]
@@ -152,7 +149,7 @@ class TriangleMesh:
 
 
 def mesh_distance(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> float:
-    """Signed distance of two meshes.
+    """Signed distance of two meshes [m].
 
     Apart, it is the distance of their nearest triangles. Where triangles intersect, or
     one mesh is inside the other, it is minus the length of a translation that parts
@@ -160,10 +157,6 @@ def mesh_distance(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> flo
 
     Args:
         a, b: the meshes, each in its own frame, A and B.
-        X_AB: pose of B in A.
-
-    Returns:
-        The signed distance [m].
     """
     gap = distance_apart(a, b, X_AB)
     return gap if gap > 0.0 else -penetration_depth(a, b, X_AB)

@@ -17,11 +17,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.judging.judged_pairs import pairs_beyond_one_joint
-from crar_drake.judging.mesh_distance import (
-    TriangleMesh,
-    distance_apart,
-    mesh_distance,
-)
+from crar_drake.judging.mesh_distance import TriangleMesh, distance_apart, mesh_distance
 from crar_drake.judging.mesh_hulls import HULL_MARGIN, Hulls
 from crar_drake.robot.description import (
     RobotDescription,
@@ -35,40 +31,24 @@ from crar_drake.robot_import.meshes import triangles_of
 
 @dataclass(frozen=True)
 class Nearest:
-    """Where two links come nearest.
+    """Where two links come nearest."""
 
-    Attributes:
-        distance: signed [m]; infinite without pairs.
-        pair: the two links; None without pairs.
-        index: the first sample where it is reached; None without pairs.
-    """
-
-    distance: float = np.inf
-    pair: tuple[str, str] | None = None
-    index: int | None = None
+    distance: float = np.inf  # signed [m]; infinite without pairs
+    pair: tuple[str, str] | None = None  # the two links; None without pairs
+    index: int | None = None  # the first sample where it is reached; None without pairs
 
 
 @dataclass
 class PairContact:
-    """A pair whose hulls or meshes meet in some samples of a trajectory.
+    """A pair whose hulls or meshes meet in some samples of a trajectory."""
 
-    Attributes:
-        pair: the two links.
-        num_samples: with contact.
-        index: the sample where it is deepest.
-        hull_distance: of the hulls in that sample [m].
-        mesh_distance: of the meshes in that sample [m].
-        samples: those in which the meshes penetrate.
-        depths: how deep in each of them [m].
-    """
-
-    pair: tuple[str, str]
-    num_samples: int = 0
-    index: int = 0
-    hull_distance: float = np.inf
-    mesh_distance: float = np.inf
-    samples: list[int] = field(default_factory=list)
-    depths: list[float] = field(default_factory=list)
+    pair: tuple[str, str]  # the two links
+    num_samples: int = 0  # with contact
+    index: int = 0  # the sample where it is deepest
+    hull_distance: float = np.inf  # of the hulls in that sample [m]
+    mesh_distance: float = np.inf  # of the meshes in that sample [m]
+    samples: list[int] = field(default_factory=list)  # where meshes penetrate
+    depths: list[float] = field(default_factory=list)  # how deep in each of them [m]
 
     @property
     def overestimate(self) -> float:
@@ -78,34 +58,22 @@ class PairContact:
 
 @dataclass(frozen=True)
 class MeshVerdict:
-    """What the meshes say of a trajectory.
+    """What the meshes say of a trajectory."""
 
-    Attributes:
-        num_samples: that were judged.
-        num_pairs: that were judged.
-        num_penetrating: samples with a pair of meshes in penetration.
-        nearest: the smallest distance of meshes.
-        num_hulls_touching: samples with a pair of hulls in penetration.
-        hulls_nearest: the smallest distance of hulls.
-        penetrations: pairs whose meshes penetrate, the deepest first.
-        refuted: pairs whose hulls are in penetration where their meshes are apart, by
-            samples in which that is so; those that overestimate most first.
-        left_out: pairs whose meshes meet in the zero and in the rest posture: they do
-            as they are built.
-        open_links: links whose surface is not closed, so that what is inside of it is
-            a matter of its winding number.
-    """
-
-    num_samples: int
-    num_pairs: int
-    num_penetrating: int
-    nearest: Nearest
-    num_hulls_touching: int
-    hulls_nearest: Nearest
-    penetrations: list[PairContact]
-    refuted: list[PairContact]
-    left_out: list[tuple[str, str]]
-    open_links: list[str]
+    num_samples: int  # that were judged
+    num_pairs: int  # that were judged
+    num_penetrating: int  # samples with a pair of meshes in penetration
+    nearest: Nearest  # the smallest distance of meshes
+    num_hulls_touching: int  # samples with a pair of hulls in penetration
+    hulls_nearest: Nearest  # the smallest distance of hulls
+    penetrations: list[PairContact]  # pairs whose meshes penetrate, the deepest first
+    refuted: list[PairContact]  # pairs whose hulls are in penetration where their
+    # meshes are apart, by samples in which that is so; those that overestimate most
+    # first
+    left_out: list[tuple[str, str]]  # pairs whose meshes meet in the zero and in the
+    # rest posture: they do as they are built
+    open_links: list[str]  # links whose surface is not closed, so that what is inside
+    # of it is a matter of its winding number
 
 
 class MeshJudge:

@@ -98,21 +98,14 @@ class Surface:
 
 @dataclass(frozen=True)
 class Contacts:
-    """What an obstacle did in T samples.
+    """What an obstacle did in T samples."""
 
-    Attributes:
-        smallest_distance: of a link [m], that link, and the sample's index.
-        touching: samples in which it touches a link.
-        violations: those in which that link is faster there than is harmless.
-        fastest: the largest speed of a link where it was touched [m/s]; 0 if none was.
-    """
-
-    smallest_distance: float
+    smallest_distance: float  # of a link [m], that link, and the sample's index
     link: str
     index: int
-    touching: int
-    violations: int
-    fastest: float
+    touching: int  # samples in which it touches a link
+    violations: int  # those in which that link is faster there than is harmless
+    fastest: float  # of a link where it was touched [m/s]; 0 if none was
 
 
 class ObstacleJudge:
@@ -129,7 +122,6 @@ class ObstacleJudge:
         Args:
             plant: finalized.
             scene_graph: where it is registered.
-            links: by name.
         """
         self._plant, self._context = plant, plant.CreateDefaultContext()
         bodies = [find_body(plant, name) for name in dict.fromkeys(links)]
@@ -169,15 +161,12 @@ class ObstacleJudge:
     def judge(
         self, q: np.ndarray, v: np.ndarray, spheres: np.ndarray, harmless: float
     ) -> list[Contacts]:
-        """Judges a trajectory.
+        """Judges a trajectory, by sphere.
 
         Args:
             q, v: (T, nq), (T, nv) the states.
             spheres: (T, N, 4) centre and radius of each [m].
             harmless: the speed that is [m/s].
-
-        Returns:
-            (N,) of each sphere.
         """
         count = spheres.shape[1]
         low, link, at = np.full(count, np.inf), [""] * count, np.zeros(count, int)

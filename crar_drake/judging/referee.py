@@ -35,41 +35,24 @@ class Violations:
 
     Speed limits are a matter of their own: they count neither in `count` nor in
     `num_violated`, so that figures from before they were judged stay comparable.
-
-    Attributes:
-        num_samples: T.
-        count: (T,) violated limits plus penetrating pairs of each sample (Fig. 2).
-        num_penetrating: samples with any d < 0.
-        num_beyond_limit: samples with any joint more than 1e-6 beyond its limit.
-        num_violated: samples with either.
-        smallest_distance: over all pairs and samples [m]; infinite without pairs.
-        smallest_distance_pair: the two links of that pair; None without pairs.
-        smallest_distance_index: the first sample where it is reached.
-        largest_limit_excess: over all joints and samples [rad or m]; 0 if none.
-        largest_limit_excess_joint: that joint; None if no joint is outside.
-        largest_limit_excess_index: the first sample where it is reached.
-        num_beyond_speed: samples with any joint faster than its limit by more than
-            1e-6 rad/s (or m/s); None where no velocities were given.
-        largest_speed_excess: over all joints and samples [rad/s or m/s]; 0 if none.
-        largest_speed_excess_joint: that joint; None if no joint is too fast.
-        largest_speed_excess_index: the first sample where it is reached.
     """
 
-    num_samples: int
-    count: np.ndarray
-    num_penetrating: int
-    num_beyond_limit: int
-    num_violated: int
-    smallest_distance: float
-    smallest_distance_pair: tuple[str, str] | None
-    smallest_distance_index: int | None
-    largest_limit_excess: float
-    largest_limit_excess_joint: str | None
-    largest_limit_excess_index: int | None
-    num_beyond_speed: int | None = None
-    largest_speed_excess: float = 0.0
-    largest_speed_excess_joint: str | None = None
-    largest_speed_excess_index: int | None = None
+    num_samples: int  # T
+    count: np.ndarray  # (T,) violated limits plus penetrating pairs (Fig. 2)
+    num_penetrating: int  # samples with any d < 0
+    num_beyond_limit: int  # samples with any joint more than 1e-6 beyond its limit
+    num_violated: int  # samples with either
+    smallest_distance: float  # over all pairs and samples [m]; infinite without pairs
+    smallest_distance_pair: tuple[str, str] | None  # None without pairs
+    smallest_distance_index: int | None  # the first sample where it is reached
+    largest_limit_excess: float  # over all joints and samples [rad or m]; 0 if none
+    largest_limit_excess_joint: str | None  # that joint; None if no joint is outside
+    largest_limit_excess_index: int | None  # the first sample where it is reached
+    num_beyond_speed: int | None = None  # samples with any joint faster than its limit
+    # by more than 1e-6 rad/s (or m/s); None where no velocities were given
+    largest_speed_excess: float = 0.0  # [rad/s or m/s]; 0 if none
+    largest_speed_excess_joint: str | None = None  # None if none is too fast
+    largest_speed_excess_index: int | None = None  # the first sample with it
 
 
 class Referee:

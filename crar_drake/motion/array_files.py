@@ -55,7 +55,6 @@ def load_arrays(
     """The arrays of an NPZ file by name, or the one of an NPY file as "".
 
     Args:
-        path: of the file.
         only: names of those that are wanted, if not all are; others may hold objects.
         skip_objects: whether wanted ones that hold objects are left out, not refused.
 

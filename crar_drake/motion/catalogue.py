@@ -82,17 +82,11 @@ MOTION_SUFFIXES = (".amc", *_FORMATS)
 
 @dataclass(frozen=True)
 class MotionFiles:
-    """A motion's two files.
+    """A motion's two files."""
 
-    Attributes:
-        name: what the user called the motion.
-        amc: the motion file.
-        asf: the file of the skeleton that it moves.
-    """
-
-    name: str
-    amc: Path
-    asf: Path
+    name: str  # what the user called the motion
+    amc: Path  # the motion file
+    asf: Path  # the file of the skeleton that it moves
 
 
 def load_performer(
@@ -102,7 +96,6 @@ def load_performer(
 
     Args:
         name: a path, `cmu:` and a trial, or a built-in name.
-        options: what the user says of it beyond the file.
 
     Raises:
         MotionError: there is no such motion or skeleton, a file is damaged or has no
@@ -289,17 +282,11 @@ def _skeleton_beside(amc: Path) -> Path:
 
 @dataclass(frozen=True)
 class KnownTrial:
-    """Facts about a trial, against which a download is checked.
+    """Facts about a trial, against which a download is checked."""
 
-    Attributes:
-        frames: number of samples.
-        amc_sha256: of the motion file, in hexadecimal.
-        asf_sha256: of the subject's skeleton file, in hexadecimal.
-    """
-
-    frames: int
-    amc_sha256: str
-    asf_sha256: str
+    frames: int  # number of samples
+    amc_sha256: str  # of the motion file, in hexadecimal
+    asf_sha256: str  # of the subject's skeleton file, in hexadecimal
 
 
 @functools.cache

@@ -27,9 +27,7 @@ MIN_FRAMES = 3  # what a C2 cubic spline with not-a-knot ends needs
 
 
 def low_pass(
-    samples: np.ndarray,
-    frame_rate: float,
-    cutoff: float = DEFAULT_CUTOFF,
+    samples: np.ndarray, frame_rate: float, cutoff: float = DEFAULT_CUTOFF
 ) -> np.ndarray:
     """Returns the samples after a zero-phase Butterworth low-pass.
 

@@ -25,22 +25,14 @@ _ENOUGH_UPRIGHT = 0.15  # share of the frames
 
 @dataclass(frozen=True)
 class FileFrame:
-    """How a file's numbers become positions in the robot's world W.
+    """How a file's numbers become positions in the robot's world W."""
 
-    Attributes:
-        metres: in one unit of the file [m].
-        R_WF: (3, 3) the file's axes in W, a permutation with signs.
-        up, facing: the file's axes that become z and x of W.
-        facts: what was given, inferred or assumed.
-        doubts: what does not fit.
-    """
-
-    metres: float
-    R_WF: np.ndarray
-    up: str
-    facing: str
-    facts: tuple[Fact, ...]
-    doubts: tuple[str, ...]
+    metres: float  # in one unit of the file [m]
+    R_WF: np.ndarray  # (3, 3) the file's axes in W, a permutation with signs
+    up: str  # the file's axis that becomes z of W
+    facing: str  # and that which becomes x
+    facts: tuple[Fact, ...]  # what was given, inferred or assumed
+    doubts: tuple[str, ...]  # what does not fit
 
 
 def leg_length(p: Points) -> float:

@@ -14,18 +14,12 @@ LONGEST_GAP = 0.2  # [s]
 
 @dataclass(frozen=True)
 class Gap:
-    """Frames first..last of a point that are missing.
+    """Frames first..last of a point that are missing."""
 
-    Attributes:
-        point: its name.
-        first, last: frame numbers, from 1.
-        filled: "spline", "line", or "held" (at the beginning or end).
-    """
-
-    point: str
-    first: int
+    point: str  # its name
+    first: int  # frame, from 1
     last: int
-    filled: str
+    filled: str  # "spline", "line", or "held" (at the beginning or end)
 
 
 def fill_gaps(
@@ -34,7 +28,6 @@ def fill_gaps(
     """Fills missing frames of a point.
 
     Args:
-        name: of the point.
         samples: (T, 3); a frame with a NaN is missing.
         frame_rate: samples per second [Hz].
 

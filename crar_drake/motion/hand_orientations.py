@@ -20,16 +20,11 @@ class HandOrientations:
     robot: x to the fingertips, z to the thumb's side. So the palm faces -y at the
     left and +y at the right hand. In the skeleton's rest pose the thumbs' side is the
     front: palms down if its arms are spread, towards the body if they hang.
-
-    Attributes:
-        name: the motion's name.
-        frame_rate: samples per second [Hz].
-        rotations: name of HANDS to (T, 3, 3) R_WH.
     """
 
-    name: str
-    frame_rate: float  # [Hz]
-    rotations: dict[str, np.ndarray]
+    name: str  # the motion's name
+    frame_rate: float  # samples per second [Hz]
+    rotations: dict[str, np.ndarray]  # name of HANDS to (T, 3, 3) R_WH
 
     def smooth(self, cutoff: float = DEFAULT_CUTOFF) -> dict[str, np.ndarray]:
         """Name of HANDS to (T, 4) unit quaternions (x y z w) after a low-pass.

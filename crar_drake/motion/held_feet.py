@@ -52,19 +52,13 @@ _UPRIGHT = 0.1  # [rad] width of the bound by which a foot does not tip over its
 
 @dataclass(frozen=True, eq=False)
 class FootMotion:
-    """A foot's poses.
+    """A foot's poses."""
 
-    Attributes:
-        positions: (T, 3) p_WF of its frame [m].
-        turns: (T, 4) quaternions (x y z w) of how it is turned from where it stands
-            flat and faces x.
-        heel, ball: (T,) whether that point is on the floor.
-    """
-
-    positions: np.ndarray
-    turns: np.ndarray
-    heel: np.ndarray
-    ball: np.ndarray
+    positions: np.ndarray  # (T, 3) p_WF of its frame [m]
+    turns: np.ndarray  # (T, 4) quaternions (x y z w) of how it is turned from where it
+    # stands flat and faces x
+    heel: np.ndarray  # (T,) whether it is on the floor
+    ball: np.ndarray  # (T,) likewise
 
     @property
     def planted(self) -> np.ndarray:

@@ -17,22 +17,14 @@ JOINT_CENTRES = (
 
 @dataclass(frozen=True)
 class JointCentres(Sampled):
-    """Joint centres of one motion in the robot's world W: z up, x forward, y left.
+    """Joint centres of one motion in the robot's world W: z up, x forward, y left."""
 
-    Attributes:
-        name: the motion's name.
-        frame_rate: samples per second [Hz].
-        positions: name of JOINT_CENTRES to (T, 3) p_WC [m].
-        heading: (T,) yaw of the hips about z, unwrapped [rad]; 0 faces x.
-        hip_height: the root's height above the lowest point of the feet in the
-            skeleton's rest pose [m].
-    """
-
-    name: str
-    frame_rate: float  # [Hz]
-    positions: dict[str, np.ndarray]  # [m]
-    heading: np.ndarray  # [rad]
-    hip_height: float  # [m]
+    name: str  # the motion's name
+    frame_rate: float  # samples per second [Hz]
+    positions: dict[str, np.ndarray]  # name of JOINT_CENTRES to (T, 3) p_WC [m]
+    heading: np.ndarray  # (T,) yaw of the hips about z, unwrapped [rad]; 0 faces x
+    hip_height: float  # the root's height above the lowest point of the feet in the
+    # skeleton's rest pose [m]
 
 
 def file_joint(name: str) -> str:

@@ -13,10 +13,7 @@ from crar_drake.errors import MotionError, nearest
 from crar_drake.motion.performer import JOINTS, SIDES
 from crar_drake.yaml_files import load_yaml, read_text
 
-_SIDE_WORDS = {
-    "left": ("left", "lft", "lt", "l"),
-    "right": ("right", "rgt", "rt", "r"),
-}
+_SIDE_WORDS = {"left": ("left", "lft", "lt", "l"), "right": ("right", "rgt", "rt", "r")}
 
 # A joint with one of these words in its name is none of the body's own.
 _OTHERS = frozenset(
@@ -64,15 +61,10 @@ _MOST_WORDS = 3  # that are glued together
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a name says.
+    """What a name says."""
 
-    Attributes:
-        side: "left", "right" or "".
-        part: a key of the table of words.
-    """
-
-    side: str
-    part: str
+    side: str  # "left", "right" or ""
+    part: str  # a key of the table of words
 
 
 def words_of(name: str) -> list[str]:
@@ -174,8 +166,7 @@ def _limbs(parts: Mapping[str, int]) -> dict[str, int]:
 
 # Each joint, and the thumbs, to the file's name for it; "" keeps the match.
 JointFile = make_dataclass(
-    "JointFile",
-    [(joint, str, "") for joint in (*JOINTS, "left_thumb", "right_thumb")],
+    "JointFile", [(joint, str, "") for joint in (*JOINTS, "left_thumb", "right_thumb")]
 )
 
 

@@ -21,19 +21,15 @@ _NOTHING = 1e-3
 
 @dataclass(frozen=True)
 class Limbs:
-    """What the tree alone tells; the sides a and b are not known.
+    """What the tree alone tells; the sides a and b are not known."""
 
-    Attributes:
-        pelvis, neck, head: indices; head may be -1.
-        legs: (a, b), each indices of hip, knee, ankle and toe (-1 if there is none).
-        arms: (a, b), each indices of shoulder, elbow and wrist.
-    """
-
-    pelvis: int
+    pelvis: int  # index
     neck: int
-    head: int
-    legs: tuple[tuple[int, ...], tuple[int, ...]]
-    arms: tuple[tuple[int, ...], tuple[int, ...]]
+    head: int  # -1 if there is none
+    legs: tuple[tuple[int, ...], tuple[int, ...]]  # (a, b), each indices of hip, knee,
+    # ankle and toe (-1 if there is none)
+    arms: tuple[tuple[int, ...], tuple[int, ...]]  # (a, b), each indices of shoulder,
+    # elbow and wrist
 
 
 def find_limbs(parents: Sequence[int], lengths: np.ndarray) -> Limbs | str:

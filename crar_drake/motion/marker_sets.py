@@ -45,19 +45,13 @@ _PLANE_WINDOW = 0.5  # [s]
 
 @dataclass(frozen=True)
 class MarkerBody:
-    """Joint centres of a body with markers, in metres and the file's axes.
+    """Joint centres of a body with markers, in metres and the file's axes."""
 
-    Attributes:
-        positions: joint to (T, 3).
-        sources: joint to what it is computed of.
-        pelvis_up: (T, 3) normal of the pelvis's plane.
-        hands: hand to (to its fingertips, to the thumb's side), (T, 3) each.
-    """
-
-    positions: dict[str, np.ndarray]
-    sources: dict[str, str]
-    pelvis_up: np.ndarray
-    hands: dict[str, tuple[np.ndarray, np.ndarray]]
+    positions: dict[str, np.ndarray]  # joint to (T, 3)
+    sources: dict[str, str]  # joint to what it is computed of
+    pelvis_up: np.ndarray  # (T, 3) normal of the pelvis's plane
+    hands: dict[str, tuple[np.ndarray, np.ndarray]]  # hand to (to its fingertips, to
+    # the thumb's side), (T, 3) each
 
 
 def choose_markers(labels: Sequence[str], name: str) -> tuple[str, str, dict[str, str]]:

@@ -19,24 +19,15 @@ AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 @dataclass(frozen=True)
 class MotionOptions:
-    """Overrides of what is read off a motion file, or inferred from it.
+    """Overrides of what is read off a motion file, or inferred from it."""
 
-    Attributes:
-        skeleton: the ASF file of an AMC motion, "" for the one beside it; the model's
-            own NPZ of a motion of SMPL-H or SMPL-X, "" for a body in the mean.
-        frame_rate: samples per second [Hz]; None for the file's own.
-        unit: a key of UNITS, or the metres in a unit as a number; "" to infer it.
-        up: the file's axis that points up, one of AXES (the + may be left out).
-        facing: the file's axis that becomes forward.
-        joints: YAML file that says which of the file's joints are meant.
-    """
-
-    skeleton: str = ""
-    frame_rate: float | None = None  # [Hz]
-    unit: str = ""
-    up: str = ""
-    facing: str = ""
-    joints: str = ""
+    skeleton: str = ""  # the ASF file of an AMC motion, "" for the one beside it; the
+    # model's own NPZ of a motion of SMPL-H or SMPL-X, "" for a body in the mean
+    frame_rate: float | None = None  # samples per second [Hz]; None for the file's own
+    unit: str = ""  # a key of UNITS, or its metres as a number; "" to infer it
+    up: str = ""  # the file's axis that points up, one of AXES (the + may be left out)
+    facing: str = ""  # the file's axis that becomes forward
+    joints: str = ""  # YAML file that says which of the file's joints are meant
 
     def __post_init__(self) -> None:
         """Raises MotionError if an axis or the unit is none."""

@@ -45,19 +45,12 @@ SOURCES = ("given", "file", "database", "inferred", "assumed")
 
 @dataclass(frozen=True)
 class Fact:
-    """Something about a recording that a format may leave open.
+    """Something about a recording that a format may leave open."""
 
-    Attributes:
-        what: of it, e.g. "unit".
-        value: in words.
-        source: one of SOURCES.
-        why: what it was inferred from, or which option gave it; may be "".
-    """
-
-    what: str
-    value: str
-    source: str
-    why: str = ""
+    what: str  # of it, e.g. "unit".
+    value: str  # in words
+    source: str  # one of SOURCES
+    why: str = ""  # what it was inferred from, or which option gave it; may be ""
 
     def __str__(self) -> str:
         source = {"file": "of the file", "database": "of the database"}
@@ -98,72 +91,47 @@ class Described:
     """What is known of a recording, whatever its axes and unit.
 
     A joint that the recording does not have is in none of the mappings.
-
-    Attributes:
-        name: what the user calls the motion.
-        format: of the file, e.g. "BVH".
-        frame_rate: samples per second [Hz].
-        rate_source: where that comes from, one of SOURCES.
-        joints: name of JOINTS to what it is taken from in the file.
-        guessed: names of JOINTS whose position the file does not have as such (a mean
-            of others, or by a regression).
-        bones: number of the file's bones, markers or points.
-        bones_called: which of these they are.
-        turns: bone to the (T - 1,) angles by which it turns against its parent from
-            one frame to the next [rad].
-        carriers: name of JOINTS to the bones whose rotations move it.
-        same: (T - 1,) whether a frame's numbers are all the same as the one's before.
-        notes: what was mended, e.g. gaps that were filled.
-        hands_obstacle: why nothing tells how the hands are turned, or "".
     """
 
-    name: str
-    format: str
-    frame_rate: float  # [Hz]
-    rate_source: str
-    joints: Mapping[str, str] = field(default_factory=dict)
-    guessed: frozenset[str] = frozenset()
-    bones: int = 0
-    bones_called: str = "bones"
-    turns: Mapping[str, np.ndarray] = field(default_factory=dict)  # [rad]
-    carriers: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    same: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    notes: tuple[str, ...] = ()
-    hands_obstacle: str = ""
+    name: str  # what the user calls the motion
+    format: str  # of the file, e.g. "BVH".
+    frame_rate: float  # samples per second [Hz]
+    rate_source: str  # where that comes from, one of SOURCES
+    joints: Mapping[str, str] = field(default_factory=dict)  # name of JOINTS to what it
+    # is taken from in the file
+    guessed: frozenset[str] = frozenset()  # names of JOINTS whose position the file
+    # does not have as such (a mean of others, or by a regression)
+    bones: int = 0  # number of the file's bones, markers or points
+    bones_called: str = "bones"  # which of these they are
+    turns: Mapping[str, np.ndarray] = field(default_factory=dict)  # bone to the (T -
+    # 1,) angles by which it turns against its parent from one frame to the next [rad]
+    carriers: Mapping[str, frozenset[str]] = field(default_factory=dict)  # name of
+    # JOINTS to the bones whose rotations move it
+    same: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))  # (T -
+    # 1,) whether a frame's numbers are all the same as the one's before
+    notes: tuple[str, ...] = ()  # what was mended, e.g. gaps that were filled.
+    hands_obstacle: str = ""  # why nothing tells how the hands are turned, or ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Performer(Described, Sampled):
-    """A person in motion, in the robot's world W: z up, x forward, y left.
+    """A person in motion, in the robot's world W: z up, x forward, y left."""
 
-    Attributes:
-        positions: name of JOINTS to (T, 3) p_WJ [m].
-        orientations: name of JOINTS to (T, 3, 3) R_WJ, of the part of the body that
-            begins there. It is the identity as the skeleton stands at rest, where
-            the file's rest pose is a standing person, else see `facts`. Empty where
-            the format has none.
-        hands: "left_hand", "right_hand" to (T, 3, 3) R_WH, see `HandOrientations`.
-        heading: (T,) yaw of the pelvis about z, unwrapped [rad]; 0 faces x.
-        hip_height: the pelvis's height above the soles, standing [m].
-        height: of the standing performer [m].
-        up: the file's axis that points up, e.g. "+y"; "" if W's own are the file's.
-        facing: the file's axis that becomes W's x.
-        facts: what the file says, and what was inferred or assumed.
-        doubts: what is implausible as a whole, each with what would explain it.
-        obstacle: why it cannot drive a robot, or "".
-    """
-
-    positions: Points  # [m]
-    heading: np.ndarray  # [rad]
-    hip_height: float  # [m]
-    height: float  # [m]
-    orientations: Mapping[str, np.ndarray] = field(default_factory=dict)
-    hands: Mapping[str, np.ndarray] = field(default_factory=dict)
-    up: str = ""
-    facing: str = ""
-    facts: tuple[Fact, ...] = ()
-    doubts: tuple[str, ...] = ()
-    obstacle: str = ""
+    positions: Points  # name of JOINTS to (T, 3) p_WJ [m]
+    heading: np.ndarray  # (T,) yaw of the pelvis about z, unwrapped [rad]; 0 faces x
+    hip_height: float  # the pelvis's height above the soles, standing [m]
+    height: float  # of the standing performer [m]
+    orientations: Mapping[str, np.ndarray] = field(default_factory=dict)  # name of
+    # JOINTS to (T, 3, 3) R_WJ, of the part of the body that begins there. It is the
+    # identity as the skeleton stands at rest, where the file's rest pose is a standing
+    # person, else see `facts`. Empty where the format has none.
+    hands: Mapping[str, np.ndarray] = field(default_factory=dict)  # "left_hand",
+    # "right_hand" to (T, 3, 3) R_WH, see `HandOrientations`
+    up: str = ""  # the file's axis that points up, e.g. "+y"; "" if it is W's
+    facing: str = ""  # the file's axis that becomes W's x
+    facts: tuple[Fact, ...] = ()  # what the file says, and what was inferred or assumed
+    doubts: tuple[str, ...] = ()  # what is implausible, and what would explain it
+    obstacle: str = ""  # why it cannot drive a robot, or ""
 
     def matches(self) -> Iterator[str]:
         """Yields "joint: what of the file", a line for each joint of JOINTS."""

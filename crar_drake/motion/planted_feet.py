@@ -12,17 +12,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class ContactThresholds:
-    """What is low and slow.
+    """What is low and slow."""
 
-    Attributes:
-        height_on, height_off: above the floor [m].
-        speed_on, speed_off: [m/s].
-    """
-
-    height_on: float = 0.015
-    height_off: float = 0.03
-    speed_on: float = 0.2
-    speed_off: float = 0.5
+    height_on: float = 0.015  # above the floor [m]
+    height_off: float = 0.03  # [m]
+    speed_on: float = 0.2  # [m/s]
+    speed_off: float = 0.5  # [m/s]
 
 
 def standing(

@@ -31,16 +31,12 @@ def check_rate(rate: float) -> None:
 def rate_meant(
     where: str, stated: str, readings: Mapping[str, float]
 ) -> tuple[float, str]:
-    """The rate that a file means which states an impossible one, and a sentence.
+    """The rate [Hz] that a file means which states an impossible one, and a sentence.
 
     Args:
-        where: file or motion.
         stated: what the file says, as in "a frame time of 30 s".
         readings: what else the number could be ("a rate", "milliseconds") to the
             rate then [Hz].
-
-    Returns:
-        The rate [Hz], and what is to be said of it.
 
     Raises:
         MotionError: none of the readings is a usual rate, or more than one.

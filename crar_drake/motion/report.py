@@ -64,27 +64,17 @@ class FrozenStretch:
 
 @dataclass(frozen=True)
 class MotionReport:
-    """What a motion file holds.
+    """What a motion file holds."""
 
-    Attributes:
-        performer: whom the file shows.
-        peak_speeds: joint centre to its largest speed in the raw data [m/s]; empty
-            if the skeleton has no joint centres.
-        flips: jumps of a bone's rotation, in frame order.
-        jumps: jumps of joint centres (at least of the root), in frame order.
-        frozen: stretches of identical frames.
-        doubts: what is implausible as a whole (unit of the angles, the performer's
-            height, the frame rate), each with what would explain it.
-        obstacle: why the motion cannot drive a robot, or "".
-    """
-
-    performer: Performer
-    peak_speeds: dict[str, float]  # [m/s]
-    flips: tuple[Flip, ...] = ()
-    jumps: tuple[Jump, ...] = ()
-    frozen: tuple[FrozenStretch, ...] = ()
-    doubts: tuple[str, ...] = ()
-    obstacle: str = ""
+    performer: Performer  # whom the file shows
+    peak_speeds: dict[str, float]  # joint centre to its largest speed in the raw data
+    # [m/s]; empty if the skeleton has no joint centres
+    flips: tuple[Flip, ...] = ()  # jumps of a bone's rotation, in frame order
+    jumps: tuple[Jump, ...] = ()  # of joint centres, or of the root, in order
+    frozen: tuple[FrozenStretch, ...] = ()  # stretches of identical frames
+    doubts: tuple[str, ...] = ()  # what is implausible as a whole (unit of the angles,
+    # the performer's height, the frame rate), each with what would explain it
+    obstacle: str = ""  # why the motion cannot drive a robot, or ""
 
     @property
     def looks_clean(self) -> bool:

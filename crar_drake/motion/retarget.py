@@ -61,19 +61,12 @@ SEGMENTS = (
 
 @dataclass(frozen=True)
 class RetargetedMotion(Sampled):
-    """A motion filtered and scaled to a robot, in the world W: z up, x forward.
+    """A motion filtered and scaled to a robot, in the world W: z up, x forward."""
 
-    Attributes:
-        name: the motion's name.
-        frame_rate: samples per second [Hz].
-        positions: joint centre to (T, 3) p_WC [m].
-        heading: (T,) yaw of the performer's hips, filtered and unwrapped [rad].
-    """
-
-    name: str
-    frame_rate: float  # [Hz]
-    positions: dict[str, np.ndarray]  # [m]
-    heading: np.ndarray  # [rad]
+    name: str  # the motion's name
+    frame_rate: float  # samples per second [Hz]
+    positions: dict[str, np.ndarray]  # joint centre to (T, 3) p_WC [m]
+    heading: np.ndarray  # (T,) yaw of the performer's hips, filtered, unwrapped [rad]
 
     def standing_at(self, waist: np.ndarray) -> RetargetedMotion:
         """The motion as seen from the hips, which stay.
@@ -125,7 +118,6 @@ def retarget(
     starts above the origin.
 
     Args:
-        centres: the performer's joint centres.
         lengths: the robot's lengths [m].
         cutoff: of the zero-phase low-pass [Hz].
         waist: (T, 3) the path of the robot's waist, if it is known otherwise [m].

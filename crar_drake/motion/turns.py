@@ -16,7 +16,6 @@ def hip_turns(performer: Performer, cutoff: float = DEFAULT_CUTOFF) -> np.ndarra
     """How the performer's hips are turned from where they face x, upright.
 
     Args:
-        performer: whose.
         cutoff: of the zero-phase low-pass [Hz].
 
     Returns:
@@ -44,16 +43,13 @@ def hip_turns(performer: Performer, cutoff: float = DEFAULT_CUTOFF) -> np.ndarra
 def smooth_turns(
     R: np.ndarray, frame_rate: float, cutoff: float, what: str, otherwise: str
 ) -> np.ndarray:
-    """Quaternions after a low-pass, filtered as positions are, and normalised.
+    """Unit quaternions (T, 4) x y z w after a low-pass, filtered as positions are.
 
     Args:
         R: (T, 3, 3) rotations.
         frame_rate: samples per second [Hz].
         cutoff: of the zero-phase low-pass [Hz].
         what, otherwise: for an error: "motion m: what turns", and how to do without.
-
-    Returns:
-        (T, 4) unit quaternions (x y z w), their signs continuous.
 
     Raises:
         MotionError: the motion is too short, the cutoff too high, or it turns to and

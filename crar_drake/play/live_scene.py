@@ -71,7 +71,6 @@ class LiveScene:
         """What the page shows now, for JSON.
 
         Args:
-            pacer: of the simulation.
             now: on the wall [s].
             notice: something to tell the person; "" for nothing.
         """
@@ -79,7 +78,9 @@ class LiveScene:
         poses, _ = self.robot.pose_links(live.positions())
         poses = np.vstack([poses, poses_of(live.obstacles()[:, :3])])
         parts = live.diagnostics()
-        distances = self._between_links(parts["signed_distances"])
+        distances = parts["signed_distances"]
+        # Feet are always near the ground, as in `SimulationLog.between_links`.
+        distances = np.where(self._above_ground & (distances >= 0), np.inf, distances)
         targets = live.targets()[self._positions].reshape(-1, 3)
         here = live.setup.simulated.tasks_at(live.positions(), self._workspace)
         reached = here[self._positions].reshape(-1, 3)
@@ -93,7 +94,7 @@ class LiveScene:
             "behind": _short(pacer.behind, 2),
             "mode": live.mode,
             "gains": live.gains,
-            "motion": live.motion.on,
+            "motion": live.moves,
             "phase": _short(live.phase, 2),
             "offsets": _rows(live.offsets),
             "ball": None if live.ball is None else [_short(x, 4) for x in live.ball],
@@ -114,11 +115,6 @@ class LiveScene:
             "notice": notice,
             "changes": len(live.events),
         }
-
-    def _between_links(self, distances: np.ndarray) -> np.ndarray:
-        """The distances that are reported [m]: feet are always near the ground, which
-        counts where it is penetrated, as in `SimulationLog.between_links`."""
-        return np.where(self._above_ground & (distances >= 0.0), np.inf, distances)
 
     def _near(self, distances: np.ndarray) -> list[list[float]]:
         """Of the nearest pairs: number, distance [m], a point on either link [m]."""

@@ -18,18 +18,14 @@ from crar_drake.control.modes import MODES, validate
 from crar_drake.control.parameters import CrarParameters, TargetGovernor
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.play.live_sources import LiveSource, make_live
-from crar_drake.play.motion_clock import MotionSwitch, to_and_fro, turning_time
+from crar_drake.play.motion_clock import MotionClock, to_and_fro, turning_time
 from crar_drake.play.recorder import Recorder
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import Push, ScaleMasses, applied_force
-from crar_drake.simulation.moving_obstacles import (
-    MovingObstacle,
-    ObstacleSource,
-    Place,
-)
+from crar_drake.simulation.moving_obstacles import MovingObstacle, ObstacleSource, Place
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.targets.desired_motion import DesiredMotion
 
@@ -57,15 +53,10 @@ MOST_PUSHED = 1000.0  # by all pushes of a person's that act at a time [N]
 
 @dataclass(frozen=True)
 class Event:
-    """Something that a person did.
+    """Something that a person did."""
 
-    Attributes:
-        time: in the simulation [s].
-        what: in words.
-    """
-
-    time: float
-    what: str
+    time: float  # in the simulation [s]
+    what: str  # in words
 
 
 class LiveSimulation:
@@ -82,7 +73,7 @@ class LiveSimulation:
         duration: of the motion [s].
         offsets: (N, 3) added to the targets of the position and pose tasks, in the
             order of `layout.linear_tasks` [m].
-        motion: switches the motion on and off.
+        clock: of the motion.
         ball: (3,) where the ball is that a person drags, an obstacle that moves [m];
             None where the robot keeps off none.
         setup, diagram, simulator, controller, plant: what it is made of.
@@ -165,7 +156,7 @@ class LiveSimulation:
             )
             self._obstacles_context = self._obstacles.GetMyMutableContextFromRoot(root)
         self.offsets = np.zeros((len(self.model.layout.linear_tasks), 3))
-        self.motion = MotionSwitch()
+        self.clock = MotionClock()
         self.parameters, self._modes = first, {wanted}
         self.events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self.pushes: list[Push] = []
@@ -185,7 +176,12 @@ class LiveSimulation:
     @property
     def phase(self) -> float:
         """Where the motion is [s]."""
-        return to_and_fro(self.motion.clock.at(self.time)[0], self.duration)[0]
+        return to_and_fro(self.clock.at(self.time)[0], self.duration)[0]
+
+    @property
+    def moves(self) -> bool:
+        """Whether the motion runs, or is about to."""
+        return self.clock.goal > 0.0
 
     @property
     def floor(self) -> float:
@@ -297,8 +293,8 @@ class LiveSimulation:
 
     def set_motion(self, on: bool) -> None:
         """Lets the motion stop where it is, or go on."""
-        if on != self.motion.on:
-            self.motion.set(on, self.time + self.period)
+        if on != self.moves:
+            self.clock = self.clock.toward(self.time + self.period, float(on))
             self._set_clock()
             self._note(f"motion {'on' if on else 'off'}")
 
@@ -404,7 +400,7 @@ class LiveSimulation:
 
     def _set_clock(self) -> None:
         for source, context in zip(self._sources, self._source_contexts, strict=True):
-            source.set_clock(context, self.motion.clock)
+            source.set_clock(context, self.clock)
 
     def _note_drag(self, words: str, where: str) -> None:
         """One drag is one event."""

@@ -25,20 +25,14 @@ class MotionClock:
         r0 + a0 ramp x (1 - x)^2 + (r1 - r0) x^2 (3 - 2 x),
 
     and r1 after that: it and its derivative are continuous.
-
-    Attributes:
-        start: when the change begins [s].
-        way, rate, acceleration: u and its derivatives then [s], [1], [1/s].
-        goal: the rate after the change.
-        ramp: how long it takes [s].
     """
 
-    start: float = 0.0
-    way: float = 0.0
-    rate: float = 1.0
-    acceleration: float = 0.0
-    goal: float = 1.0
-    ramp: float = _RAMP
+    start: float = 0.0  # when the change begins [s]
+    way: float = 0.0  # u then [s]
+    rate: float = 1.0  # its derivative [1]
+    acceleration: float = 0.0  # and the second [1/s]
+    goal: float = 1.0  # the rate after the change
+    ramp: float = _RAMP  # how long it takes [s]
 
     def at(self, time: float) -> tuple[float, float, float]:
         """u [s], its rate and its acceleration [1/s].
@@ -64,7 +58,6 @@ class MotionClock:
 
         Args:
             time: of the change [s].
-            goal: the rate to go to.
         """
         return MotionClock(time, *self.at(time), goal)
 
@@ -76,29 +69,6 @@ class MotionClock:
     def from_vector(values: np.ndarray) -> MotionClock:
         """The clock of `to_vector`."""
         return MotionClock(*map(float, values))
-
-
-class MotionSwitch:
-    """Turns a motion on and off.
-
-    Attributes:
-        clock: of the motion.
-        on: whether it runs, or is about to.
-    """
-
-    def __init__(self) -> None:
-        self.on, self.clock = True, MotionClock()
-
-    def set(self, on: bool, time: float) -> None:
-        """Lets the motion go on from where it is, or come to rest there.
-
-        Args:
-            on: which.
-            time: when [s].
-        """
-        if on != self.on:
-            self.on = on
-            self.clock = self.clock.toward(time, float(on))
 
 
 def turning_time(duration: float) -> float:

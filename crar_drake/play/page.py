@@ -6,7 +6,6 @@ with those of the recorded page.
 
 import html
 import json
-from importlib import resources
 from pathlib import Path
 
 from pydrake.common import FindResourceOrThrow
@@ -17,7 +16,8 @@ from crar_drake.play.live_scene import NEAR_PAIRS, PREFIX, LiveScene
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import FASTEST, SLOWEST
 from crar_drake.play.requests import STRONGEST
-from crar_drake.results.recorded_page import page_look, page_resource, spoken
+from crar_drake.resources import page_resource
+from crar_drake.results.recorded_page import page_look, spoken
 from crar_drake.results.summary import motion_name, robot_name
 
 _SCRIPTS = ("live_run.js", "handles.js", "panel.js", "play.js")
@@ -27,8 +27,6 @@ def make_page(live: LiveSimulation, scene: LiveScene, meshcat_port: int) -> str:
     """The page as HTML.
 
     Args:
-        live: the simulation.
-        scene: of it.
         meshcat_port: of Meshcat, at the same host as the page.
     """
     layout, scenario = live.model.layout, live.scenario
@@ -54,10 +52,10 @@ def make_page(live: LiveSimulation, scene: LiveScene, meshcat_port: int) -> str:
         "outline": scene.outline.round(4).ravel().tolist(),
     }
     text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
-    styles = page_resource("page.css") + _resource("play.css")
+    styles = page_resource("page.css") + page_resource("play.css", "play")
     scripts = [page_resource("view.js"), page_resource("marks.js")]
-    scripts += map(_resource, _SCRIPTS)
-    page = _resource("play.html")
+    scripts += [page_resource(name, "play") for name in _SCRIPTS]
+    page = page_resource("play.html", "play")
     for mark, what in {
         "TITLE": html.escape(data["title"]),
         "STYLES": styles,
@@ -93,8 +91,3 @@ def _push_frames(live: LiveSimulation) -> list[dict]:
     frames = [live.model.tasks[i].frame for i in live.model.layout.linear_tasks]
     names = dict.fromkeys([*frames, *bodies])
     return [{"name": name, "label": spoken(name)} for name in names]
-
-
-def _resource(name: str) -> str:
-    folder = resources.files("crar_drake.play") / "page"
-    return (folder / name).read_text(encoding="utf-8")

@@ -21,21 +21,15 @@ _MOST = 2**30  # [B]
 
 
 class Recorder:
-    """Takes what a diagram's loggers hold, in pieces, and drops the oldest ones.
+    """Takes what a diagram's loggers hold, in pieces, and drops the oldest ones."""
 
-    Attributes:
-        kept: so much time is kept, once it has passed [s]; less if it takes more than
-            a gibibyte.
-    """
+    kept = (
+        KEPT  # so much time, once it has passed [s]; less if it takes more than _MOST
+    )
 
-    def __init__(self, setup: Setup, simulator: Simulator, kept: float = KEPT) -> None:
-        """
-        Args:
-            setup: what the simulated diagram is made of.
-            simulator: of the diagram.
-            kept: as the attribute.
-        """
-        self.kept, self._setup, self._simulator = kept, setup, simulator
+    def __init__(self, setup: Setup, simulator: Simulator) -> None:
+        """`setup` is what the simulated diagram is made of."""
+        self._setup, self._simulator = setup, simulator
         self._diagram = simulator.get_system()
         self._pieces: deque[SimulationLog] = deque()
         self._sinks = list(log_sinks(self._diagram).values())

@@ -39,19 +39,12 @@ class RequestError(CrarError):
 
 @dataclass(frozen=True)
 class Request:
-    """One request, checked as far as can be without the simulation.
+    """One request, checked as far as can be without the simulation."""
 
-    Attributes:
-        do: what, see the module.
-        value: of a type that belongs to `do`; None if it has none.
-        task: number of a task, of "offset".
-        frame: name of a frame, of "push".
-    """
-
-    do: str
-    value: object = None
-    task: int = 0
-    frame: str = ""
+    do: str  # what, see the module
+    value: object = None  # of a type that belongs to `do`; None if it has none
+    task: int = 0  # number of a task, of "offset"
+    frame: str = ""  # name of a frame, of "push"
 
 
 def parse(body: bytes) -> Request:

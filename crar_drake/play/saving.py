@@ -24,7 +24,6 @@ def save_session(
     """Writes log, summary, plot and page, as `run.run_scenario` does.
 
     Args:
-        live: the simulation, which is over.
         out: the folder.
         interrupts: another Ctrl-C leaves it at what is there.
         record: whether to make the page.

@@ -37,76 +37,47 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Place:
-    """The nearest that a braking path comes.
+    """The nearest that a braking path comes."""
 
-    Attributes:
-        time: when the path begins [s].
-        distance: on it [m]; some larger one, or infinity, if nothing is as near as was
-            asked.
-        pair: of links; None if it is infinite.
-    """
-
-    time: float
-    distance: float = math.inf
-    pair: tuple[str, str] | None = None
+    time: float  # when the path begins [s]
+    distance: float = math.inf  # on it [m]; some larger one, or infinity, if nothing is
+    # as near as was asked
+    pair: tuple[str, str] | None = None  # of links; None if it is infinite
 
 
 @dataclass
 class PathFigures:
-    """What braking paths violate.
+    """What braking paths violate."""
 
-    Attributes:
-        judged: number of paths.
-        of: number of samples that they were chosen from.
-        penetrating: paths with a pair at d < 0.
-        below_floor: paths with a pair nearer than the floor.
-        beyond_limit: paths whose end, at rest, is beyond a joint limit by more than
-            1e-6 rad (or m).
-        nearest: the smallest distance of all.
-        largest_excess: over the paths' ends [rad or m]; 0 if none is outside.
-        largest_excess_joint: that joint; "" if none.
-    """
-
-    of: int
-    judged: int = 0
-    penetrating: int = 0
-    below_floor: int = 0
-    beyond_limit: int = 0
-    nearest: Place = field(default_factory=lambda: Place(math.nan))
-    largest_excess: float = 0.0
-    largest_excess_joint: str = ""
+    of: int  # number of samples that they were chosen from
+    judged: int = 0  # number of paths
+    penetrating: int = 0  # paths with a pair at d < 0
+    below_floor: int = 0  # paths with a pair nearer than the floor
+    beyond_limit: int = 0  # paths whose end, at rest, is beyond a joint limit by more
+    # than 1e-6 rad (or m)
+    nearest: Place = field(default_factory=lambda: Place(math.nan))  # the smallest
+    # distance of all
+    largest_excess: float = 0.0  # over the paths' ends [rad or m]; 0 if none is outside
+    largest_excess_joint: str = ""  # that joint; "" if none
 
 
 @dataclass
 class CertificateVerdict:
-    """What the referee says of a log's certificate.
+    """What the referee says of a log's certificate."""
 
-    Attributes:
-        floor: that pairs are to keep on a braking path [m].
-        every: one in so many control steps was judged, besides the nearest ones.
-        steps: the braking paths of the control steps.
-        between: those of the samples in between, where the log is finer. What the
-            certificate says is said of control steps: in between pairs keep off each
-            other on the way, but paths are not promised to keep the floor.
-        reported: control steps in the log that say whether they are clear.
-        reported_unclear: those that say that they are not; nothing is claimed there.
-        clearance: the smallest that is claimed [m]; infinite if none is.
-        not_clear: judged paths that are claimed to be clear and are not, and the
-            worst of them.
-        undercut: judged steps whose next path comes nearer than is claimed, and the
-            worst of them, with what was claimed [m].
-    """
-
-    floor: float
-    every: int
-    steps: PathFigures
-    between: PathFigures
-    reported: int = 0
-    reported_unclear: int = 0
-    clearance: float = math.inf
-    not_clear: int = 0
+    floor: float  # that pairs are to keep on a braking path [m]
+    every: int  # one in so many control steps was judged, besides the nearest ones
+    steps: PathFigures  # the braking paths of the control steps
+    between: PathFigures  # those of the samples in between, where the log is finer.
+    # What the certificate says is said of control steps: in between pairs keep off each
+    # other on the way, but paths are not promised to keep the floor.
+    reported: int = 0  # control steps in the log that say whether they are clear
+    reported_unclear: int = 0  # that say that they are not, and claim nothing
+    clearance: float = math.inf  # the smallest that is claimed [m]; infinite if none is
+    not_clear: int = 0  # judged paths that are claimed to be clear and are not
     not_clear_worst: Place | None = None
-    undercut: int = 0
+    undercut: int = 0  # judged steps whose next path comes nearer than is claimed, and
+    # the worst of them, with what was claimed [m]
     undercut_worst: Place | None = None
     undercut_claim: float = math.nan
 
@@ -142,7 +113,6 @@ def judge_certificate(
     Args:
         log: of a run with the constraints "lookahead".
         referee: of the robot; its velocity limits play no part.
-        parameters: of the run.
         plant_step: the simulated plant's [s], 0 if it was continuous.
         every: of so many control steps one is judged, and of so many samples in
             between; by default as many as make about 300 of each. The 100 nearest

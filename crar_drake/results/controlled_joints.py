@@ -9,35 +9,21 @@ from crar_drake.results.log import SimulationLog
 
 @dataclass(frozen=True)
 class ControlledJoints:
-    """A log's columns of the controlled joints: T samples, n joints.
+    """A log's columns of the controlled joints: T samples, n joints."""
 
-    Attributes:
-        names: (n,) the joints.
-        units: (n,) of their positions, "rad" or "m".
-        q: (T, n) positions [rad or m].
-        v: (T, n) velocities [rad/s or m/s].
-        torque: (T, n) efforts [Nm or N].
-        acceleration: (T, n) commanded accelerations [rad/s² or m/s²].
-        lower, upper: (n,) limits, infinite where there is none [rad or m].
-        excess: (T, n) how far beyond the nearer limit, negative inside, -inf for
-            an unlimited joint [rad or m].
-        velocity_limits: (n,) largest speeds, infinite where there is none [as v].
-        speed_excess: (T, n) how much faster than that, negative where slower [as v].
-        effort_limits: (n,) largest efforts, infinite where there is none [as torque].
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    q: np.ndarray
-    v: np.ndarray
-    torque: np.ndarray
-    acceleration: np.ndarray
-    lower: np.ndarray
+    names: tuple[str, ...]  # (n,) the joints
+    units: tuple[str, ...]  # (n,) of their positions, "rad" or "m"
+    q: np.ndarray  # (T, n) positions [rad or m]
+    v: np.ndarray  # (T, n) velocities [rad/s or m/s]
+    torque: np.ndarray  # (T, n) efforts [Nm or N]
+    acceleration: np.ndarray  # (T, n) commanded accelerations [rad/s² or m/s²]
+    lower: np.ndarray  # (n,) limits, infinite where there is none [rad or m]
     upper: np.ndarray
-    excess: np.ndarray
-    velocity_limits: np.ndarray
-    speed_excess: np.ndarray
-    effort_limits: np.ndarray
+    excess: np.ndarray  # (T, n) how far beyond the nearer limit, negative inside, -inf
+    # for an unlimited joint [rad or m]
+    velocity_limits: np.ndarray  # (n,) infinite where there is none [as v]
+    speed_excess: np.ndarray  # (T, n) beyond these, negative where slower [as v]
+    effort_limits: np.ndarray  # (n,) infinite where there is none [as torque]
 
     @property
     def power(self) -> np.ndarray:

@@ -23,36 +23,22 @@ _TOUCHING = ContactThresholds(
 
 @dataclass(frozen=True)
 class Footing:
-    """The figures of one run, the floor at z = 0; blending in at the start counts not.
+    """The figures of one run, the floor at z = 0, without blending in at the start."""
 
-    Attributes:
-        contacts: stretches in which a foot is planted: from within 1 mm of the floor
-            till it is higher than 2 mm.
-        median_slip, worst_slip: way that a foot slides in one of them [m]; None
-            without any.
-        lowest: height of the robot's lowest point [m].
-        lowest_link: the link it is on.
-        lowest_time: when [s].
-        planted_share: share of the time in which a foot is planted.
-        supported_share: share of that in which the centre of pressure is inside the
-            support polygon; None without any.
-        median_outside: how far outside it is otherwise, in the median [m].
-        least_force, largest_force: upwards, over the weight.
-        friction: horizontal over vertical force that 95 % of the time need less than.
-    """
-
-    contacts: int
-    median_slip: float | None  # [m]
+    contacts: int  # stretches in which a foot is planted: from within 1 mm of the floor
+    # till it is higher than 2 mm
+    median_slip: float | None  # that a foot slides in one of them [m]; None: none
     worst_slip: float | None  # [m]
-    lowest: float  # [m]
-    lowest_link: str
-    lowest_time: float  # [s]
-    planted_share: float
-    supported_share: float | None
-    median_outside: float | None  # [m]
-    least_force: float
+    lowest: float  # height of the robot's lowest point [m]
+    lowest_link: str  # the link it is on
+    lowest_time: float  # when [s]
+    planted_share: float  # share of the time in which a foot is planted
+    supported_share: float | None  # share of that in which the centre of pressure is
+    # inside the support polygon; None without any
+    median_outside: float | None  # how far outside it is otherwise, in the median [m]
+    least_force: float  # upwards, over the weight
     largest_force: float
-    friction: float | None
+    friction: float | None  # over the vertical force, that 95 % of the time keep below
 
     def lines(self) -> list[str]:
         """The figures in words."""
@@ -88,7 +74,6 @@ def lowest_point(
 
     Args:
         log: of a robot the root of which a motion moves.
-        robot: that was simulated.
         start: as in `footing`.
 
     Raises:
@@ -103,7 +88,6 @@ def footing(log: SimulationLog, robot: WholeBody, start: float = 0.0) -> Footing
 
     Args:
         log: of a robot the root of which floats.
-        robot: that was simulated.
         start: what is before is left out, such as blending in [s].
 
     Raises:

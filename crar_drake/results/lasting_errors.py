@@ -15,7 +15,6 @@ def lasting_error_warnings(log: SimulationLog, start: float) -> list[str]:
     """One line for each task whose error never falls below what following is.
 
     Args:
-        log: of a run.
         start: what is before is left out: the targets are blended in [s].
     """
     rows = (log.time >= log.time[0] + start) & np.isfinite(log.task_error).all(axis=1)

@@ -32,18 +32,12 @@ _PARTS = (
 
 @dataclass(frozen=True)
 class LimbDirection:
-    """The angle between a limb's direction and the performer's, both in the world.
+    """The angle between a limb's direction and the performer's, both in the world."""
 
-    Attributes:
-        median: over time [rad].
-        most: what 95 % of the time are below [rad].
-        followed: whether the tasks settle where it points; two wrists alone, for
-            example, leave the elbows open.
-    """
-
-    median: float  # [rad]
-    most: float  # [rad]
-    followed: bool
+    median: float  # over time [rad]
+    most: float  # what 95 % of the time are below [rad]
+    followed: bool  # whether the tasks settle where it points; two wrists alone, for
+    # example, leave the elbows open
 
 
 def limb_directions(
@@ -52,8 +46,6 @@ def limb_directions(
     """How far the limbs of a run are off in direction.
 
     Args:
-        log: of the run.
-        model: the robot.
         performer: whom it follows; None with keyframes.
         start: what is before is left out: the targets are blended in [s].
 

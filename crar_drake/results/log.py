@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -14,6 +14,11 @@ from crar_drake.files import whole_file
 from crar_drake.motion.array_files import load_arrays
 from crar_drake.results import LOG
 from crar_drake.robot.description import GROUND
+
+
+def _array(*axes: str) -> Any:
+    """A field that is an array with these axes."""
+    return field(metadata={"axes": axes})
 
 
 @dataclass(frozen=True)
@@ -67,33 +72,33 @@ class SimulationLog:
             a path has its absolute path there.
     """
 
-    time: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    actuation: np.ndarray
-    desired_acceleration: np.ndarray
-    desired_tasks: np.ndarray
-    task_error: np.ndarray
-    signed_distances: np.ndarray
-    constraint_weights: np.ndarray
-    status: np.ndarray
-    resting_margins: np.ndarray
-    admission: np.ndarray
-    balance: np.ndarray
-    torque_limit: np.ndarray
-    obstacles: np.ndarray
-    position_names: np.ndarray
-    velocity_names: np.ndarray
-    actuator_names: np.ndarray
-    controlled_names: np.ndarray
-    controlled_units: np.ndarray
-    task_names: np.ndarray
-    task_kinds: np.ndarray
-    pair_names: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    velocity_limits: np.ndarray
-    effort_limits: np.ndarray
+    time: np.ndarray = _array("T")
+    q: np.ndarray = _array("T", "nq")
+    v: np.ndarray = _array("T", "nv")
+    actuation: np.ndarray = _array("T", "nu")
+    desired_acceleration: np.ndarray = _array("T", "nv")
+    desired_tasks: np.ndarray = _array("T", "layout")
+    task_error: np.ndarray = _array("T", "m")
+    signed_distances: np.ndarray = _array("T", "Nc")
+    constraint_weights: np.ndarray = _array("T", "n")
+    status: np.ndarray = _array("T", "1")
+    resting_margins: np.ndarray = _array("T", "2")
+    admission: np.ndarray = _array("T", "4")
+    balance: np.ndarray = _array("T", "3")
+    torque_limit: np.ndarray = _array("T", "2")
+    obstacles: np.ndarray = _array("T", "4N")
+    position_names: np.ndarray = _array("nq")
+    velocity_names: np.ndarray = _array("nv")
+    actuator_names: np.ndarray = _array("nu")
+    controlled_names: np.ndarray = _array("n")
+    controlled_units: np.ndarray = _array("n")
+    task_names: np.ndarray = _array("N")
+    task_kinds: np.ndarray = _array("N")
+    pair_names: np.ndarray = _array("Nc")
+    lower: np.ndarray = _array("nq")
+    upper: np.ndarray = _array("nq")
+    velocity_limits: np.ndarray = _array("nv")
+    effort_limits: np.ndarray = _array("nu")
     scenario: str
 
     @property
@@ -143,7 +148,7 @@ class SimulationLog:
 
     def write(self, stream: BinaryIO) -> None:
         """Does what `save` does, into an open file."""
-        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
+        arrays = {each.name: getattr(self, each.name) for each in fields(self)}
         np.savez_compressed(stream, **arrays)
 
     @staticmethod
@@ -201,33 +206,7 @@ class _Unfit(Exception):
 
 # Equal letters are equal numbers. (A task's number of rows depends on its kind.)
 _SHAPES: dict[str, tuple[str, ...]] = {
-    "time": ("T",),
-    "q": ("T", "nq"),
-    "v": ("T", "nv"),
-    "actuation": ("T", "nu"),
-    "desired_acceleration": ("T", "nv"),
-    "desired_tasks": ("T", "layout"),
-    "task_error": ("T", "m"),
-    "signed_distances": ("T", "Nc"),
-    "constraint_weights": ("T", "n"),
-    "status": ("T", "1"),
-    "resting_margins": ("T", "2"),
-    "admission": ("T", "4"),
-    "balance": ("T", "3"),
-    "torque_limit": ("T", "2"),
-    "obstacles": ("T", "4N"),
-    "position_names": ("nq",),
-    "velocity_names": ("nv",),
-    "actuator_names": ("nu",),
-    "controlled_names": ("n",),
-    "controlled_units": ("n",),
-    "task_names": ("N",),
-    "task_kinds": ("N",),
-    "pair_names": ("Nc",),
-    "lower": ("nq",),
-    "upper": ("nq",),
-    "velocity_limits": ("nv",),
-    "effort_limits": ("nu",),
+    each.name: each.metadata["axes"] for each in fields(SimulationLog) if each.metadata
 }
 
 # The arrays that have a row for each sample.
@@ -240,7 +219,7 @@ def _read(path: Path) -> dict[str, np.ndarray]:
         arrays = load_arrays(path)
     except MotionError as error:
         raise _Unfit(str(error).removeprefix(f"{path}: ")) from error
-    known = {field.name for field in fields(SimulationLog)}
+    known = {each.name for each in fields(SimulationLog)}
     for name in sorted(known.symmetric_difference(arrays)):
         word = "misses" if name in known else "has"
         raise _Unfit(f"it {word} an array {name!r}")

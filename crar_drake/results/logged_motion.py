@@ -70,18 +70,12 @@ def export_log(
     rate: float | None = None,
     start: float = 0.0,
 ) -> RobotMotion:
-    """Writes the motion of a log into a file, whole or not at all.
+    """Writes the motion of a log into a file, whole or not at all, and returns it.
 
     Args:
-        log: of the run.
-        robot: that was simulated.
-        path: of the file.
         layout: its name.
         rate: samples per second, along splines [Hz]; by default the log's.
         start: what is before is left out, such as blending in, unless it is all [s].
-
-    Returns:
-        What was written.
 
     Raises:
         MotionError: the log is no reference motion, or the layout cannot hold it.

@@ -50,9 +50,7 @@ def check_logged_robot(
     """Raises CrarError unless a log's columns are those of the robot as it is now.
 
     Args:
-        log: of the run.
         plant: finalized, with the robot in it and nothing else.
-        description: of the robot.
     """
     for what, ours, logged in (
         ("positions", plant.num_positions(), log.q.shape[1]),

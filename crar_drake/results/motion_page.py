@@ -80,7 +80,6 @@ def compare_files(
     Args:
         files: of motions, the first of which the others came from.
         path, labels, overlay: as of `compare_motions`.
-        robot: its name or folder.
         layout, rate: of the files, where they do not say them (`read_motion`).
         clip: which motion of files that hold several.
         frames: of the first file, that the others were made of.
@@ -119,20 +118,14 @@ def compare_motions(
     overlay: bool = False,
     meshcat: Meshcat | None = None,
 ) -> list[ReferenceVerdict]:
-    """Judges motions of one robot, and writes the page of them.
+    """Judges motions of one robot, and writes the page of them; their verdicts.
 
     Args:
         motions: at least two and at most as many as `marks.RUNS`, with their joints in
             the robot's order. What became of each is reported against the first.
         path: of the .html file; appears whole or not at all.
-        judge: of the robot.
-        labels: what to call each.
-        title: of the page.
         overlay: whether they are laid over each other when the page opens.
         meshcat: to draw into; by default one of its own.
-
-    Returns:
-        What was found of each.
 
     Raises:
         CrarError: there are too few or too many.

@@ -14,23 +14,14 @@ from crar_drake.simulation.scenario import Scenario
 
 @dataclass(frozen=True)
 class ObstacleFigures:
-    """What one obstacle did.
+    """What one obstacle did."""
 
-    Attributes:
-        smallest_distance: of a watched link [m].
-        link: that one.
-        time: when [s].
-        contact_samples: in which it touches a link.
-        fast_contacts: those in which that link is faster there than `contact_speed`.
-        fastest_contact: the largest speed of a link where it was touched [m/s].
-    """
-
-    smallest_distance: float  # [m]
-    link: str
-    time: float  # [s]
-    contact_samples: int
-    fast_contacts: int
-    fastest_contact: float  # [m/s]
+    smallest_distance: float  # of a watched link [m]
+    link: str  # that one
+    time: float  # when [s]
+    contact_samples: int  # in which it touches a link
+    fast_contacts: int  # those in which that link is faster there than `contact_speed`
+    fastest_contact: float  # the largest speed of a link where it was touched [m/s]
 
     def in_words(self) -> str:
         """Where it was nearest, and how fast links were that it touched."""
@@ -51,16 +42,11 @@ def judge_obstacles(
     scene_graph: SceneGraph,
     pairs: Iterable[Sequence[str]],
 ) -> dict[str, ObstacleFigures]:
-    """Judges all samples of a log.
+    """Judges all samples of a log, by the obstacles' names.
 
     Args:
-        log: of a run.
         scenario: of the log, with the obstacles' names and the speed that is harmless.
         plant, scene_graph: with its robot.
-        pairs: of links that are watched.
-
-    Returns:
-        By the obstacles' names; empty if there are none.
     """
     known = np.isfinite(log.q).all(axis=1) & np.isfinite(log.v).all(axis=1)
     if not log.obstacles.size or not known.any():

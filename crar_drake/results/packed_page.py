@@ -9,9 +9,10 @@ import base64
 import gzip
 import re
 from collections.abc import Sequence
-from importlib import resources
 
 import numpy as np
+
+from crar_drake.resources import page_resource
 
 # A script in the page itself; not data, and not what has an address or is empty.
 _SCRIPT = re.compile(r'<script(?: type="text/javascript")?>(.+?)</script>', re.DOTALL)
@@ -51,7 +52,7 @@ def packed_page(page: str, arrays: Sequence[bytes] = ()) -> str:
         f'{body}<script type="text/plain" id="crar-packed"'
         f' data-parts="{_lengths(parts)}" data-scripts="{_lengths(scripts)}">'
         f"{base64.b64encode(stream).decode()}</script>\n"
-        f"<script>\n{_unpack()}</script>\n{end}{rest}"
+        f"<script>\n{page_resource('unpack.js')}</script>\n{end}{rest}"
     )
 
 
@@ -76,8 +77,3 @@ def packed_array(values: np.ndarray, step: float) -> bytes:
 
 def _lengths(parts: Sequence[bytes]) -> str:
     return " ".join(str(len(part)) for part in parts)
-
-
-def _unpack() -> str:
-    path = resources.files("crar_drake.results") / "page" / "unpack.js"
-    return path.read_text(encoding="utf-8")

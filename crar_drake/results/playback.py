@@ -54,7 +54,6 @@ def record_log(
         robot: where the robot is now, or its name; by default what the log says.
         scenario: of the log, if it is at hand; by default the log's text is parsed.
         description: of the robot, if it is at hand; by default it is loaded.
-        note: what else its caption says.
 
     Returns:
         The models whose collision shapes were drawn, for want of anything else.
@@ -112,7 +111,6 @@ def distinct_labels(logs: Sequence[SimulationLog], names: Sequence[str]) -> list
     """What to call each of several runs: that in which they differ.
 
     Args:
-        logs: of the runs.
         names: of each log, such as its folder; added where nothing else differs.
 
     Raises:
@@ -202,9 +200,7 @@ def _subtitle(summaries: Sequence[Summary]) -> str:
         f"{summaries[0].duration:.1f} s",
     ]
     shared = zip(
-        traits,
-        ("constraints", "level", "experiment", "duration"),
-        strict=True,
+        traits, ("constraints", "level", "experiment", "duration"), strict=True
     )
     return " · ".join(
         text

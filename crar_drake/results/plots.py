@@ -12,11 +12,7 @@ from crar_drake.results import marks
 from crar_drake.results.controlled_joints import ControlledJoints, controlled_joints
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
-from crar_drake.results.summary import (
-    Summary,
-    summarize,
-    task_layout,
-)
+from crar_drake.results.summary import Summary, summarize, task_layout
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 from crar_drake.simulation.scenario import Scenario
 
@@ -38,14 +34,11 @@ _SHARE = _SHARE.with_extremes(over=marks.VIOLATION)
 
 
 def plot_run(
-    log: SimulationLog,
-    path: str | os.PathLike[str],
-    scenario: Scenario | None = None,
+    log: SimulationLog, path: str | os.PathLike[str], scenario: Scenario | None = None
 ) -> None:
     """Draws a run on one page, see `draw_run`.
 
     Args:
-        log: of the run.
         path: the figure's file; its suffix (.png, .pdf, .svg) chooses the format.
         scenario: of the log, if it is at hand; by default the log's text is parsed.
 
@@ -145,11 +138,7 @@ def _legend(ax: Axes) -> None:
 
 
 def _draw_errors(
-    ax: Axes,
-    time: np.ndarray,
-    errors: dict[str, np.ndarray],
-    label: str,
-    headline: str,
+    ax: Axes, time: np.ndarray, errors: dict[str, np.ndarray], label: str, headline: str
 ) -> None:
     """Lengths of the errors (T, 3), task by task; right-hand ones are light."""
     bases: list[str] = []

@@ -12,21 +12,16 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import resources
 
 import numpy as np
 from pydrake.geometry import Meshcat
 
 from crar_drake.files import write_whole
+from crar_drake.resources import page_resource
 from crar_drake.results import marks
 from crar_drake.results.packed_page import packed_array, packed_page
 from crar_drake.results.recorded_run import DrawnRobot, RecordedRun
-from crar_drake.simulation.visuals import (
-    GRID,
-    VIEW_PITCH,
-    VIEW_YAW,
-    set_surroundings,
-)
+from crar_drake.simulation.visuals import GRID, VIEW_PITCH, VIEW_YAW, set_surroundings
 
 _SCRIPTS = ("view.js", "marks.js", "timeline.js", "page.js")
 
@@ -45,19 +40,12 @@ RUN_TEXTS = {
 
 @dataclass(frozen=True)
 class ShownRun:
-    """One of the robots that a page shows.
+    """One of the robots that a page shows."""
 
-    Attributes:
-        recorded: how it moves, and what is near.
-        robot: which of the page's robots it is.
-        label: what it is called beside others.
-        figures: of it, see `figure`.
-    """
-
-    recorded: RecordedRun
-    robot: int
-    label: str
-    figures: Sequence[dict]
+    recorded: RecordedRun  # how it moves, and what is near
+    robot: int  # which of the page's robots it is
+    label: str  # what it is called beside others
+    figures: Sequence[dict]  # of it, see `figure`
 
 
 def figure(name: str, value: str, bad: bool = False) -> dict:
@@ -93,11 +81,9 @@ def write_page(
     """Writes a page, whole or not at all.
 
     Args:
-        path: of the .html file.
         meshcat: from `empty_scene`, in which the robots are drawn.
         robots: in it, each at its `robot_prefix`.
         shown: what moves; at most as many as `marks.RUNS`.
-        title, subtitle: of the page.
         overlay: whether the robots are laid over each other when the page opens.
         spans: of their recordings to the colours that they have; by default those of
             runs.
@@ -213,8 +199,3 @@ def _page(meshcat_page: str, data: dict) -> str:
         f'<script type="application/json" id="crar-data">{text}</script>\n'
         f'<script>\n(() => {{\n"use strict";\n{scripts}}})();\n</script>\n{end}{rest}'
     )
-
-
-def page_resource(name: str) -> str:
-    folder = resources.files("crar_drake.results") / "page"
-    return (folder / name).read_text(encoding="utf-8")

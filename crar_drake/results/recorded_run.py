@@ -51,49 +51,33 @@ _DIRECTIONS = 128
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """A run at F frames.
+    """A run at F frames."""
 
-    Attributes:
-        warning_distance: at which links count as near each other, of its scenario; 0
-            if only those inside each other do [m].
-        rate: of the frames [Hz].
-        time: (F,) from the first sample on [s].
-        poses: (F, B, 7) of the links that are drawn and move, and then of the obstacles
-            that do: p_WB [m] and the quaternion (x, y, z, w) of R_WB.
-        targets: (F, N, 3) p_WT, NaN where there is none [m].
-        reached: (F, N, 3) where the points are that should be there [m].
-        near: (F, K, 8) of the nearest pairs, nearest first: the pair's number, its
-            signed distance [m], and a point on either surface [m]; NaN where fewer
-            are near.
-        curve_time: (C,) of the curves [s].
-        distance_curve: (C,) the smallest of all signed distances around that time
-            [m]; empty without watched pairs.
-        error_curve: (C,) the largest of all target errors around it [m or rad], NaN
-            without targets; empty without tasks.
-        error_unit: "m", "rad" if only orientations are tracked, "" without tasks.
-        spans: see `marks.marked_spans`, from the first sample on.
-        pair_names, target_names: of the pairs and targets.
-        outline: (P, 3) outermost points of all that was drawn in all frames [m].
-        penetrating: link, as its number among those that are drawn and move, to the
-            first and last of frames in a row in which it is inside another.
-    """
-
-    warning_distance: float
-    rate: float
-    time: np.ndarray
-    poses: np.ndarray
-    targets: np.ndarray
-    reached: np.ndarray
-    near: np.ndarray
-    curve_time: np.ndarray
-    distance_curve: np.ndarray
-    error_curve: np.ndarray
-    error_unit: str
-    spans: dict[str, list[tuple[float, float]]]
+    warning_distance: float  # at which links count as near each other, of its scenario;
+    # 0 if only those inside each other do [m]
+    rate: float  # of the frames [Hz]
+    time: np.ndarray  # (F,) from the first sample on [s]
+    poses: np.ndarray  # (F, B, 7) of the links that are drawn and move, and then of the
+    # obstacles that do: p_WB [m] and the quaternion (x, y, z, w) of R_WB
+    targets: np.ndarray  # (F, N, 3) p_WT, NaN where there is none [m]
+    reached: np.ndarray  # (F, N, 3) where the points are that should be there [m]
+    near: np.ndarray  # (F, K, 8) of the nearest pairs, nearest first: the pair's
+    # number, its signed distance [m], and a point on either surface [m]; NaN where
+    # fewer are near
+    curve_time: np.ndarray  # (C,) of the curves [s]
+    distance_curve: np.ndarray  # (C,) the smallest of all signed distances around that
+    # time [m]; empty without watched pairs
+    error_curve: np.ndarray  # (C,) the largest of all target errors around it [m or
+    # rad], NaN without targets; empty without tasks
+    error_unit: str  # "m", "rad" if only orientations are tracked, "" without tasks
+    spans: dict[str, list[tuple[float, float]]]  # see `marks.marked_spans`, from the
+    # first sample on
     pair_names: list[str]
     target_names: list[str]
-    outline: np.ndarray
-    penetrating: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
+    outline: np.ndarray  # (P, 3) outermost points of all frames [m]
+    penetrating: dict[int, list[tuple[int, int]]] = field(default_factory=dict)  # link,
+    # as its number among those that are drawn and move, to the first and last of frames
+    # in a row in which it is inside another
 
 
 class DrawnRobot:
@@ -119,7 +103,6 @@ class DrawnRobot:
     ) -> None:
         """
         Args:
-            description: of the robot.
             meshcat: to draw into.
             prefix: the path in Meshcat under which its links are.
             colour: of what has none.
@@ -236,18 +219,12 @@ def _draw(
 
 
 def record_run(
-    log: SimulationLog,
-    robot: DrawnRobot,
-    scenario: Scenario,
-    frames_per_second: float,
+    log: SimulationLog, robot: DrawnRobot, scenario: Scenario, frames_per_second: float
 ) -> RecordedRun:
     """Computes the frames of a run.
 
     Args:
         log: of the run; interpolated to the frames.
-        robot: of the log.
-        scenario: of the log.
-        frames_per_second: of the recording.
 
     Raises:
         CrarError: the log is empty, does not fit the robot, or has no finite

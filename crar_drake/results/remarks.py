@@ -46,9 +46,7 @@ def remarks(
     """A line for each thing that is bad about a run; most often none.
 
     Args:
-        joints: the controlled joints of its log.
         torque_limited: share of the samples in which torque limits alone hold it back.
-        limb_directions: limb to how far it is off.
         lowest: height over the floor [m], link and time [s] of what was lowest; None
             of a robot that does not stand on a floor.
         implausible: times of samples with a measured state that no robot has [s].

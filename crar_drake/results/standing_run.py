@@ -13,21 +13,13 @@ from crar_drake.simulation.scenario import Scenario
 
 @dataclass(frozen=True)
 class Stance:
-    """How a robot stood on its soles.
+    """How a robot stood on its soles."""
 
-    Attributes:
-        lean: largest angle between the root and where it stands upright [rad].
-        slide: farthest that a corner of a sole was from where it stood, on the floor
-            [m].
-        lift: highest that a corner of a sole was above the floor [m].
-        fell: when the robot began to lie [s]; None if it stood to the end. The other
-            figures are of the time before.
-    """
-
-    lean: float  # [rad]
-    slide: float  # [m]
-    lift: float  # [m]
-    fell: float | None  # [s]
+    lean: float  # largest angle between the root and where it stands upright [rad]
+    slide: float  # farthest that a sole's corner was from where it stood [m]
+    lift: float  # highest that a corner of a sole was above the floor [m]
+    fell: float | None  # when the robot began to lie [s]; None if it stood to the end.
+    # The other figures are of the time before.
 
     def line(self) -> str:
         """The figures in words."""
@@ -46,7 +38,6 @@ def stance(log: SimulationLog, model: ControlModel, friction: float) -> Stance:
     Args:
         log: of a run with `standing`.
         model: of the robot that was simulated, whose root floats.
-        friction: of the floor.
 
     Raises:
         ModelError: the robot has no soles on legs.

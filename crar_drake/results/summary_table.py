@@ -18,7 +18,6 @@ def summary_table(summary: Summary, verbose: bool = False) -> Table:
     """A run's figures as a table for the terminal.
 
     Args:
-        summary: of the run.
         verbose: all of them, else those that say whether the robot was safe and did
             what it was to do.
     """

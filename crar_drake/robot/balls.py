@@ -15,7 +15,6 @@ def robot_in_closed_form(model: ControlModel, robot: Held) -> Held:
     """A robot without the shapes that have no closed form.
 
     Args:
-        model: of it.
         robot: holds its `Robot` in two configurations, as `robot_ahead`.
     """
     closed, r = model.pairs.closed_rows, robot.value

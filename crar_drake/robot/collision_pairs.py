@@ -322,7 +322,6 @@ class WatchedPairs:
         """SceneGraph's answers for some watched pairs only.
 
         Args:
-            query: of the configuration.
             pairs: which; the distances must be those of "scene_graph".
 
         Returns:
@@ -378,8 +377,7 @@ def shape_axis(shape: Shape, X_BG: np.ndarray) -> CapsuleAxis | None:
     """The axis of a capsule, a sphere or a half space, or a hull; None for any other.
 
     Args:
-        shape: SceneGraph's shape in the geometry frame G.
-        X_BG: (3, 4) pose of G in the link's frame B.
+        X_BG: (3, 4) the shape's pose in the link's frame B.
 
     Raises:
         ModelError: a mesh cannot be read, or has no volume.
@@ -401,9 +399,6 @@ def shape_axis(shape: Shape, X_BG: np.ndarray) -> CapsuleAxis | None:
 
 def standing_points(shape: Shape) -> list[tuple[np.ndarray, float]] | None:
     """The spheres of which one is a shape's lowest part above any plane.
-
-    Args:
-        shape: SceneGraph's shape in the geometry frame G.
 
     Returns:
         (3,) centre in G [m] and radius [m] of the ends of a capsule, a sphere itself,

@@ -65,15 +65,11 @@ SPEED_TOLERANCE = 1e-6
 
 @dataclass
 class RootPose:
-    """Where a robot's base is in the world at rest, as a URDF's origin.
+    """Where a robot's base is in the world at rest, as a URDF's origin."""
 
-    Attributes:
-        xyz: position [m].
-        rpy: roll, pitch and yaw, about the world's x, then y, then z [rad].
-    """
-
-    xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # position [m]
+    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # roll, pitch and
+    # yaw, about the world's x, then y, then z [rad]
 
 
 @dataclass
@@ -223,13 +219,10 @@ class RobotDescription:
 
 @dataclass
 class StandingDescription(RobotDescription):
-    """A robot that stands on its soles, as `standing_description` makes one.
+    """A robot that stands on its soles, as `standing_description` makes one."""
 
-    Attributes:
-        pelvis: how its base slides and its legs follow; None where they stand still.
-    """
-
-    pelvis: MovingPelvis | None = None
+    pelvis: MovingPelvis | None = None  # how its base slides and its legs follow; None
+    # where they stand still
 
     @property
     def slides(self) -> tuple[str, ...]:

@@ -36,22 +36,16 @@ _COLOUR = np.array([0.75, 0.72, 0.66, 1.0])
 
 @dataclass
 class Fixture:
-    """A thing that stands in the world.
+    """A thing that stands in the world."""
 
-    Attributes:
-        meshes: files, by their paths from robot.yaml on: OBJ; STL, PLY and glTF with
-            the extra `robots`.
-        scale: to metres.
-        xyz: where its origin is in the world [m].
-        rpy: how it is turned, as a URDF's origin [rad].
-        hull: whether of pieces that are not convex the hull counts as well.
-    """
-
-    meshes: list[str] = field(default_factory=list)
-    scale: float = 1.0
-    xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    hull: bool = False
+    meshes: list[str] = field(default_factory=list)  # files, by their paths from
+    # robot.yaml on: OBJ; STL, PLY and glTF with the extra `robots`
+    scale: float = 1.0  # to metres
+    xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # where its
+    # origin is in the world [m]
+    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # how it is
+    # turned, as a URDF's origin [rad]
+    hull: bool = False  # whether of pieces that are not convex the hull counts as well
 
     def validate(self, where: str) -> None:
         """Raises ModelError where a value is none; `where` is what it begins with."""
@@ -103,8 +97,6 @@ def convex_pieces(
     """The corners (V, 3) of each connected piece's hull, in the mesh's frame [m].
 
     Args:
-        path: of the mesh.
-        scale: to metres.
         hull: whether a piece need not be convex.
 
     Raises:

@@ -72,8 +72,7 @@ def speed_limits(plant: MultibodyPlant, description: RobotDescription) -> np.nda
         ModelError: it names a joint that does not exist or is fixed.
     """
     limits = np.minimum(
-        np.abs(plant.GetVelocityLowerLimits()),
-        np.abs(plant.GetVelocityUpperLimits()),
+        np.abs(plant.GetVelocityLowerLimits()), np.abs(plant.GetVelocityUpperLimits())
     )
     limits[limits == 0.0] = np.inf  # what many exporters write for "unknown"
     for name, limit in description.velocity_limits.items():

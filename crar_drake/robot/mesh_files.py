@@ -34,7 +34,6 @@ def read_meshes(path: Path, where: str) -> list[trimesh.Trimesh]:
 
     Args:
         path: of a file in a format that trimesh reads.
-        where: what messages begin with.
 
     Raises:
         ModelError: it cannot be read, is cut off, or has what would be lost.

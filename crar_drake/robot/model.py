@@ -225,7 +225,6 @@ class ControlModel:
         Leaves the workspace at that state, which `inverse_dynamics` then uses.
 
         Args:
-            workspace: of this model.
             q: (nq,) positions of the whole plant.
             v: (nv,) velocities of the whole plant.
         """
@@ -271,7 +270,6 @@ class ControlModel:
         """Eq. (20) at a configuration other than the workspace's, which stays.
 
         Args:
-            workspace: of this model.
             q: (nq,) positions of the whole plant.
         """
         context = workspace.plant_context_ahead
@@ -305,7 +303,7 @@ class ControlModel:
         return Measured(configurations, v, asked)
 
     def inverse_dynamics(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
-        """Eqs. (2), (29): tau = H alpha + C qdot + tau_g, at the workspace's state.
+        """Eqs. (2), (29): tau = H alpha + C qdot + tau_g, (nu,) [Nm or N].
 
         A discrete plant treats joint damping implicitly, at the end of its step;
         the control model's time step says whether and by how much to make up for
@@ -314,9 +312,6 @@ class ControlModel:
         Args:
             workspace: at the state of the last `evaluate`.
             vdot: (nv,) accelerations of all joints of the plant.
-
-        Returns:
-            (nu,) efforts in the order of the plant's actuators [Nm or N].
         """
         return self._actuators.efforts(self._generalized_forces(workspace, vdot))
 
@@ -359,13 +354,10 @@ class ControlModel:
         return plain, *(x[self._places] for x in v)
 
     def prescribed_at(self, q: np.ndarray) -> np.ndarray:
-        """The vector `desired_prescribed` that asks the prescribed joints to stay.
+        """[q_p; 0; 0] (prescribed_size,), which asks the prescribed joints to stay.
 
         Args:
             q: (nq,) positions of the whole plant.
-
-        Returns:
-            (prescribed_size,) [q_p; 0; 0].
         """
         return np.concatenate((q[self.prescribed_positions], np.zeros(2 * self.n_p)))
 
@@ -394,13 +386,10 @@ class ControlModel:
         return H[np.ix_(self.controlled, self.controlled)]
 
     def effort_per_acceleration(self, workspace: Workspace) -> np.ndarray:
-        """d tau / d vdot of `inverse_dynamics`, at the workspace's state.
+        """d tau / d vdot of `inverse_dynamics`, (nu, nv) [kg m^2 or kg].
 
         Args:
             workspace: at the state of the last `evaluate`.
-
-        Returns:
-            (nu, nv) [kg m^2 or kg].
         """
         H = self.plant.CalcMassMatrix(workspace.plant_context)
         if self._is_damped:
@@ -458,11 +447,9 @@ class ControlModel:
         self.num_free = int(root is not None)
         given = plant, moved, root, description.prescribed_root
         self.controlled, self.prescribed, self.unactuated = find_places(*given)
-        (
-            self.controlled_positions,
-            self.prescribed_positions,
-            self.root_positions,
-        ) = find_places(*given, of_positions=True)
+        (self.controlled_positions, self.prescribed_positions, self.root_positions) = (
+            find_places(*given, of_positions=True)
+        )
         names = names_by_joint(plant)
         try:
             self._actuators = Actuators(plant, names, self.unactuated)

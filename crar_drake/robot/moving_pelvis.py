@@ -16,32 +16,22 @@ class MovingPelvis:
     """A box that a base slides in, along the world's axes, and the legs below.
 
     What is said of it holds in all of the box; `robot.pelvis_box` shows it.
-
-    Attributes:
-        lower, upper: (3,) the box, of the base from where it rests [m].
-        speed: (3,) largest speed along each axis [m/s]; then legs keep their limits.
-        joints: (L,) names of the legs' joints.
-        rest: (L,) these where the robot rests; where its soles then are they stand.
-        degrees, coefficients, powers, bounds: of `equations.moving_legs.Legs`.
-        held: (3,) a place in the box; to the law, legs are on the base as they are
-            there [m].
-        swellings: link of a leg to how far its capsules go from where they then are
-            [m].
-        sole_error: how far a corner of a sole goes from where it stands [m].
     """
 
-    lower: np.ndarray
+    lower: np.ndarray  # (3,) from where to where the base may go from rest [m]
     upper: np.ndarray
-    speed: np.ndarray
-    joints: tuple[str, ...]
-    rest: np.ndarray
-    degrees: np.ndarray
+    speed: np.ndarray  # (3,) along each axis, at which legs keep their limits [m/s]
+    joints: tuple[str, ...]  # (L,) names of the legs' joints
+    rest: np.ndarray  # (L,) these where the robot rests: there its soles stand
+    degrees: np.ndarray  # as the next three, of `equations.moving_legs.Legs`
     coefficients: np.ndarray
     powers: np.ndarray
     bounds: np.ndarray
-    held: np.ndarray
-    swellings: dict[str, float]
-    sole_error: float
+    held: np.ndarray  # (3,) a place in the box; to the law, legs are on the base as
+    # they are there [m]
+    swellings: dict[str, float]  # link of a leg to how far its capsules go from where
+    # they then are [m]
+    sole_error: float  # how far a corner of a sole goes from where it stands [m]
 
     @property
     def middle(self) -> np.ndarray:

@@ -79,12 +79,12 @@ def moving_pelvis(
     """
     robot = _Robot(description, legs, pairs)
     found = robot.fitted(lower, upper)
-    robot.check_soles(found)
+    sole_error = robot.sole_error(found)
     robot.check_limits(found)
     robot.check_pairs(found)
     return replace(
         robot.with_swellings(found),
-        sole_error=robot.sole_error(found),
+        sole_error=sole_error,
         speed=robot.speed(found, speed),
     )
 
@@ -234,42 +234,32 @@ class _Robot:
             c[(*(slice(None),) * k, 0)] *= 0.5
         return c, off
 
-    def _corners(self) -> list:
-        return [
+    def sole_error(self, pelvis: MovingPelvis) -> float:
+        """How far a corner of a sole goes from where it stands, at most [m].
+
+        Raises:
+            ModelError: a corner would go too far.
+        """
+        placed = [
             self._placed(body, corner)
             for (body, _), corners in zip(self.legs, self.soles, strict=True)
             for corner in corners
         ]
-
-    def sole_error(self, pelvis: MovingPelvis) -> float:
-        """How far a corner of a sole goes from where it stands, at most [m]."""
-        placed = self._corners()
         c, off = self._followed(pelvis, placed)
-        stand = place_points(
-            link_poses(self.rest[np.newaxis], *self._tree),
-            *self.model.joints.select(placed),
-        )[0]
+        joints = self.model.joints
+        X = link_poses(self.rest[np.newaxis], joints.tree, joints.tree.every)
+        (stand,) = place_points(X, *joints.select(placed))
         c[0, 0, 0] += pelvis.middle - stand
-        for k in range(3):
-            c[(*(1 if a == k else 0 for a in range(3)), slice(None), k)] += pelvis.half[
-                k
-            ]
+        for k, first in enumerate(np.eye(3, dtype=int)):  # degree 1 along an axis
+            c[(*first, slice(None), k)] += pelvis.half[k]
         sums = np.abs(c).sum(axis=(0, 1, 2))
-        return float((np.linalg.norm(sums, axis=1) + off).max())
-
-    @property
-    def _tree(self):
-        tree = self.model.joints.tree
-        return tree, tree.every
-
-    def check_soles(self, pelvis: MovingPelvis) -> None:
-        """Raises ModelError: a corner would go too far."""
-        error = self.sole_error(pelvis)
+        error = float((np.linalg.norm(sums, axis=1) + off).max())
         if error > _SOLE:
             raise ModelError(
                 f"{self.what}: the soles would move by up to {1e3 * error:.2f} mm; "
                 "give a smaller box, or a rest posture with knees that are bent more"
             )
+        return error
 
     # --- limits -------------------------------------------------------------------
 

@@ -29,7 +29,6 @@ def find_reaches(
     their limits, or have none, `equations.admission.reaching` looks where they are.
 
     Args:
-        joints: of the plant.
         pairs: of it; those of other shapes have none.
         order: (nv,) of the joints, as in `equations.kinematics.Robot`.
         lower, upper: (nq,) limits of all joints, in the plant's order.
@@ -83,16 +82,12 @@ def find_reaches(
 
 
 def chain_reaches(
-    joints: JointTree,
-    order: np.ndarray,
-    body: RigidBody,
-    ends: Sequence[np.ndarray],
+    joints: JointTree, order: np.ndarray, body: RigidBody, ends: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """How far joints can move points of a body, with all slides at zero.
 
     Args:
         joints, order: as of `find_reaches`.
-        body: of the plant.
         ends: (3,) points in its frame [m]; the farthest counts.
 
     Returns:

@@ -144,7 +144,6 @@ def sole_corners(
     """Where the soles are while the robot stands: of each (V, 3) corners in W [m].
 
     Args:
-        model: of the robot.
         soles: link to the corners of its flat sole, in the link's frame [m].
 
     Raises:

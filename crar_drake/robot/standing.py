@@ -25,8 +25,7 @@ _SPEED = 0.3
 
 
 def standing_description(
-    description: RobotDescription,
-    pelvis: Mapping[str, Sequence[float]] | None = None,
+    description: RobotDescription, pelvis: Mapping[str, Sequence[float]] | None = None
 ) -> StandingDescription:
     """The same robot with its base and legs still: its soles stand, the rest moves.
 

@@ -22,8 +22,6 @@ def find_targets(
 
     Args:
         plant: finalized.
-        description: the names in the plant.
-        tasks: what is tracked.
         joint_names: (n,) of the controlled joints.
 
     Returns:

@@ -12,7 +12,7 @@ from crar_drake.robot.reach import chain_reaches, lengths_of_slides
 def watched_links(
     model: ControlModel, errors: np.ndarray
 ) -> tuple[Links, tuple[str, ...]]:
-    """The moving links of all watched pairs that carry capsules or spheres.
+    """The moving links of all watched pairs with capsules or spheres; their names.
 
     A link that no joint moves keeps its distances whatever the robot does, and is none.
 
@@ -20,9 +20,6 @@ def watched_links(
         model: of a robot that does not float.
         errors: (nv,) how far each joint may be from its command [rad or m]; shapes are
             thicker by what that moves them at most.
-
-    Returns:
-        The links, and their names.
 
     Raises:
         ScenarioError: a joint that slides without limits is carried by one that errs,

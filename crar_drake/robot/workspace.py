@@ -18,36 +18,22 @@ class ModelState:
     """What the equations need to know of one state, all in the world frame W.
 
     n controlled and n_p prescribed joints, m task rows, Nc watched pairs.
-
-    Attributes:
-        qdot: (n,) velocities of the controlled joints [rad/s].
-        q_p, qdot_p: (nq_p,), (n_p,) positions and velocities of the prescribed joints.
-        q: (n,) positions of the controlled joints [rad]; those of a root whose
-            orientation is controlled, which has one more, are not all in it.
-        R: (Na, 3, 3) orientations R_WT of the tasks that have one.
-        p: (Nl, 3) positions p_WT of the tasks that have one [m].
-        v: (m,) task velocities, Eq. (5) with all joints [rad/s, m/s].
-        J: (m, n) task Jacobian with respect to the controlled joints.
-        J_p: (m, n_p) task Jacobian with respect to the prescribed joints.
-        Jdot_qdot: (m,) bias acceleration of Eq. (6), all joints.
-        d: (Nc,) signed distances [m].
-        dd_dq: (Nc, n) Eq. (20), controlled joints.
-        dd_dq_p: (Nc, n_p) Eq. (20), prescribed joints.
     """
 
-    q: np.ndarray
-    qdot: np.ndarray
-    q_p: np.ndarray
-    qdot_p: np.ndarray
-    R: np.ndarray
-    p: np.ndarray
-    v: np.ndarray
-    J: np.ndarray
-    J_p: np.ndarray
-    Jdot_qdot: np.ndarray
-    d: np.ndarray
-    dd_dq: np.ndarray
-    dd_dq_p: np.ndarray
+    q: np.ndarray  # (n,) positions of the controlled joints [rad]; those of a root
+    # whose orientation is controlled, which has one more, are not all in it
+    qdot: np.ndarray  # (n,) velocities of the controlled joints [rad/s]
+    q_p: np.ndarray  # (nq_p,) positions of the prescribed joints
+    qdot_p: np.ndarray  # (n_p,) and their velocities
+    R: np.ndarray  # (Na, 3, 3) orientations R_WT of the tasks that have one
+    p: np.ndarray  # (Nl, 3) positions p_WT of the tasks that have one [m]
+    v: np.ndarray  # (m,) task velocities, Eq. (5) with all joints [rad/s, m/s].
+    J: np.ndarray  # (m, n) task Jacobian with respect to the controlled joints
+    J_p: np.ndarray  # (m, n_p) task Jacobian with respect to the prescribed joints
+    Jdot_qdot: np.ndarray  # (m,) bias acceleration of Eq. (6), all joints.
+    d: np.ndarray  # (Nc,) signed distances [m]
+    dd_dq: np.ndarray  # (Nc, n) Eq. (20), controlled joints.
+    dd_dq_p: np.ndarray  # (Nc, n_p) Eq. (20), prescribed joints.
 
     @staticmethod
     def of(state: State, n: int, nq_c: int) -> ModelState:
@@ -73,17 +59,11 @@ class ModelState:
 
 @dataclass(slots=True)
 class Distances:
-    """Signed distances of the watched pairs at one configuration.
+    """Signed distances of the watched pairs at one configuration."""
 
-    Attributes:
-        d: (Nc,) [m].
-        dd_dq: (Nc, n) Eq. (20), controlled joints.
-        dd_dq_p: (Nc, n_p) Eq. (20), prescribed joints.
-    """
-
-    d: np.ndarray
-    dd_dq: np.ndarray
-    dd_dq_p: np.ndarray
+    d: np.ndarray  # (Nc,) [m]
+    dd_dq: np.ndarray  # (Nc, n) Eq. (20), controlled joints.
+    dd_dq_p: np.ndarray  # (Nc, n_p) Eq. (20), prescribed joints.
 
 
 class Workspace:

@@ -138,11 +138,7 @@ def coupling_alarms(
 
 
 def floor_alarms(
-    robot: SourceRobot,
-    parts: Looks,
-    positions: Positions,
-    height: float,
-    anatomy: Arms,
+    robot: SourceRobot, parts: Looks, positions: Positions, height: float, anatomy: Arms
 ) -> list[str]:
     """What of a robot with arms is below the floor in its rest posture, the root link
     so high above it [m]; or that it stands on its hands."""

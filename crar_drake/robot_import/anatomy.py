@@ -31,17 +31,11 @@ LATERAL = 0.8  # of a knee's axis, along the left; of a roll's, ahead
 
 @dataclass(frozen=True)
 class Arm:
-    """A chain from the trunk to a hand, or to a foot.
+    """A chain from the trunk to a hand, or to a foot."""
 
-    Attributes:
-        joints: moving joints, from the trunk outwards.
-        hand: the last link before fingers, if there are any.
-        trunk: the link that both arms hang on.
-    """
-
-    joints: tuple[Joint, ...]
-    hand: str
-    trunk: str
+    joints: tuple[Joint, ...]  # moving joints, from the trunk outwards
+    hand: str  # the last link before fingers, if there are any
+    trunk: str  # the link that both arms hang on
 
 
 class Arms(NamedTuple):

@@ -49,16 +49,11 @@ _WIDER = np.array([1.0, 1.02, 1.06, 1.12, 1.2, 1.35, 1.6])
 
 @dataclass(frozen=True)
 class FittedCapsule:
-    """A capsule in the link's frame; a sphere where both ends are the same.
+    """A capsule in the link's frame; a sphere where both ends are the same."""
 
-    Attributes:
-        p_L0, p_L1: (3,) ends of the axis [m].
-        radius: [m].
-    """
-
-    p_L0: np.ndarray
-    p_L1: np.ndarray
-    radius: float
+    p_L0: np.ndarray  # (3,) one end of the axis [m]
+    p_L1: np.ndarray  # (3,) the other
+    radius: float  # [m]
 
     @property
     def length(self) -> float:
@@ -79,21 +74,13 @@ Capsules = Mapping[str, Sequence[FittedCapsule]]  # link to its shapes, in its f
 
 @dataclass(frozen=True)
 class Fit:
-    """Capsules of one link and how close they are.
+    """Capsules of one link and how close they are."""
 
-    Attributes:
-        capsules: the shapes.
-        coverage: share of the mesh's vertices inside or within 5 mm.
-        volume_ratio: volume of the capsules' union over that of the convex hull.
-        farthest: how far the farthest vertex is outside [m]; 0 if none is.
-        excess: how far a capsule sticks out of the convex hull, at most [m].
-    """
-
-    capsules: tuple[FittedCapsule, ...]
-    coverage: float
-    volume_ratio: float
-    farthest: float
-    excess: float
+    capsules: tuple[FittedCapsule, ...]  # the shapes
+    coverage: float  # share of the mesh's vertices inside or within 5 mm
+    volume_ratio: float  # volume of the capsules' union over that of the convex hull
+    farthest: float  # how far the farthest vertex is outside [m]; 0 if none is
+    excess: float  # how far a capsule sticks out of the convex hull, at most [m]
 
     def good(self, excess: float) -> bool:
         """Whether all vertices are held, and by what bound on the excess [m]."""
@@ -118,8 +105,6 @@ def fit_link(
     """Fits capsules to all parts of a link together.
 
     Args:
-        parts: the link's real look.
-        most: number of capsules.
         excess: that a capsule may stick out of the convex hull [m].
         image: the look of the link's mirror image, brought into its frame. Capsules
             then hold both, and keep the bound to both hulls.

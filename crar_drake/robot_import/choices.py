@@ -53,18 +53,14 @@ _COMMENTS = {
 
 @dataclass
 class FrameChoice:
-    """A point of the motion on the robot.
+    """A point of the motion on the robot."""
 
-    Attributes:
-        link: that carries it.
-        point: its position in the link's frame [m].
-        rpy: roll, pitch, yaw of its frame in the link's [rad]; matters only to
-            tasks of kind orientation and pose.
-    """
-
-    link: str = ""
-    point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    link: str = ""  # that carries it
+    point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # its position
+    # in the link's frame [m]
+    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # roll, pitch,
+    # yaw of its frame in the link's [rad]; matters only to tasks of kind orientation
+    # and pose
 
     def place(self, X: Poses) -> np.ndarray:
         """(3,) where it is, in the frame of the links' poses [m]."""
@@ -73,63 +69,43 @@ class FrameChoice:
 
 @dataclass
 class ImportChoices:
-    """The keys of an import file; None is a key that is left out.
+    """The keys of an import file; None is a key that is left out."""
 
-    Attributes:
-        source: path of the URDF, SDF or MJCF (relative to the file), or
-            `example-robot-data:` and its path in that package.
-        package_paths: folders in which the URDF's packages are looked for.
-        name: of the robot.
-        srdf: path of an SRDF (relative to the file), whose posture is the rest posture
-            and whose disabled pairs are not watched, where these are guessed; "" for
-            none.
-        posture: the SRDF's `group_state`; "" for the one that a robot rests in.
-        up_axis: "z" if all meshes have z up, whatever they say, or "file" if DAE
-            meshes are to be turned as they say; None where none says anything else.
-        up: axis of the root link that points up, one of `AXES`; None is z.
-        facing: axis of the root link that points ahead, one of `AXES`.
-        base: "prescribed" (three prismatic joints and a heading between world and
-            root link, driven by the motion), "floating" (by a quaternion: the motion
-            turns it in all directions) or "fixed".
-        lock: groups (`GROUPS`) whose joints are locked where `locked` is guessed; None
-            is all that no arm needs.
-        locked: joint to the position [rad or m] at which it is welded.
-        segments: link to the links welded to it that are one segment with it: they
-            get common capsules, which are its own.
-        frames: point of a motion to its place on the robot.
-        rest_posture: joint to position [rad or m].
-        pairs: watched segment pairs, two links each.
-        ground: height of the ground in the world [m], which all links are watched
-            against; minus infinity for none.
-        soles: link to the corners of its flat sole, in the link's frame [m].
-        excess: how far a capsule may stick out of its link's convex hull [m].
-        most_capsules: per link, at most.
-        cover: whether the capsules are grown until they hold all triangles, by which
-            meshes are clear wherever capsules are.
-        faces: triangles per part that a recording shows, at most about.
-    """
-
-    source: str = ""
-    package_paths: list[str] = field(default_factory=list)
-    name: str = ""
-    srdf: str = ""
-    posture: str = ""
-    up_axis: str | None = None
-    up: str | None = None
-    facing: str | None = None
-    base: str | None = None
-    lock: list[str] | None = None
-    locked: dict[str, float] | None = None
-    segments: dict[str, list[str]] | None = None
-    frames: dict[str, FrameChoice] | None = None
-    rest_posture: dict[str, float] | None = None
-    pairs: list[list[str]] | None = None
-    ground: float | None = None
-    soles: dict[str, list[list[float]]] = field(default_factory=dict)
-    excess: float = 0.02
-    most_capsules: int = 16
-    cover: bool = False
-    faces: int = 2500  # a whole robot's recorded page is below 10 MB then
+    source: str = ""  # path of the URDF, SDF or MJCF (relative to the file), or
+    # `example-robot-data:` and its path in that package
+    package_paths: list[str] = field(default_factory=list)  # folders in which the
+    # URDF's packages are looked for
+    name: str = ""  # of the robot
+    srdf: str = ""  # path of an SRDF (relative to the file), whose posture is the rest
+    # posture and whose disabled pairs are not watched, where these are guessed; "" for
+    # none
+    posture: str = ""  # the SRDF's `group_state`; "" for the one that a robot rests in
+    up_axis: str | None = None  # "z" if all meshes have z up, whatever they say, or
+    # "file" if DAE meshes are to be turned as they say; None where none says anything
+    # else
+    up: str | None = None  # of the root link, one of `AXES`; None is z
+    facing: str | None = None  # axis of the root link that points ahead, one of `AXES`
+    base: str | None = None  # "prescribed" (three prismatic joints and a heading
+    # between world and root link, driven by the motion), "floating" (by a quaternion:
+    # the motion turns it in all directions) or "fixed"
+    lock: list[str] | None = None  # groups (`GROUPS`) whose joints are locked where
+    # `locked` is guessed; None is all that no arm needs
+    locked: dict[str, float] | None = None  # joint to where it is welded [rad or m]
+    segments: dict[str, list[str]] | None = None  # link to the links welded to it that
+    # are one segment with it: they get common capsules, which are its own
+    frames: dict[str, FrameChoice] | None = None  # a motion's point to its place
+    rest_posture: dict[str, float] | None = None  # joint to position [rad or m]
+    pairs: list[list[str]] | None = None  # watched segment pairs, two links each
+    ground: float | None = None  # height of the ground in the world [m], which all
+    # links are watched against; minus infinity for none
+    soles: dict[str, list[list[float]]] = field(default_factory=dict)  # link to the
+    # corners of its flat sole, in the link's frame [m]
+    excess: float = 0.02  # that a capsule may stick out of its link's hull [m]
+    most_capsules: int = 16  # per link, at most
+    cover: bool = False  # whether the capsules are grown until they hold all triangles,
+    # by which meshes are clear wherever capsules are
+    faces: int = 2500  # triangles per part that a recording shows, at most about; a
+    # whole robot's recorded page is below 10 MB then
 
     def validate(self, where: str) -> None:
         """Checks what can be checked without the URDF.

@@ -22,10 +22,6 @@ _ROUNDING = 1e-7
 def cover(capsules: tuple[FittedCapsule, ...], parts: list[Part]) -> list[float]:
     """By how much each capsule's radius must grow for all to hold a link's triangles.
 
-    Args:
-        capsules: of the link, at least one.
-        parts: its triangles, in its frame.
-
     Returns:
         (C) growths of the radii [m], 0 where a capsule need not grow.
     """

@@ -29,17 +29,11 @@ _TOES = 0.08  # share of a foot's length by which its middle is ahead of the ank
 
 @dataclass(frozen=True)
 class FacingGuess:
-    """Where a robot's front is.
+    """Where a robot's front is."""
 
-    Attributes:
-        facing: one of `choices.AXES`: the axis of the root link that points ahead.
-        why: what says so.
-        doubt: what speaks against it; "" if nothing.
-    """
-
-    facing: str
-    why: str
-    doubt: str = ""
+    facing: str  # one of `choices.AXES`: the axis of the root link that points ahead
+    why: str  # what says so
+    doubt: str = ""  # what speaks against it; "" if nothing
 
 
 def turned(robot: SourceRobot, facing: str, up: str = "+z") -> SourceRobot:

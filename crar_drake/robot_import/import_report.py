@@ -14,25 +14,19 @@ Progress = Callable[[str, float], None]
 
 @dataclass
 class ImportReport:
-    """What an import made of a robot.
+    """What an import made of a robot."""
 
-    Attributes:
-        folder: that it wrote.
-        choices: all that was decided.
-        guessed: key of the import file to how it was guessed, of new ones.
-        fits: link to its capsules.
-        covered: link without capsules to the link whose capsules enclose it.
-        notes: everything else that the user should know, one line each.
-        warnings: what is likely to be wrong, or leaves the robot unprotected.
-    """
-
-    folder: Path
-    choices: ImportChoices
-    guessed: dict[str, str] = field(default_factory=dict)
-    fits: dict[str, Fit] = field(default_factory=dict)
-    covered: dict[str, str] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
+    folder: Path  # that it wrote
+    choices: ImportChoices  # all that was decided
+    guessed: dict[str, str] = field(default_factory=dict)  # key of the import file to
+    # how it was guessed, of new ones
+    fits: dict[str, Fit] = field(default_factory=dict)  # link to its capsules
+    covered: dict[str, str] = field(default_factory=dict)  # link without capsules to
+    # the link whose capsules enclose it
+    notes: list[str] = field(default_factory=list)  # everything else that the user
+    # should know, one line each
+    warnings: list[str] = field(default_factory=list)  # what is likely to be wrong, or
+    # leaves the robot unprotected
 
     @property
     def file(self) -> Path:

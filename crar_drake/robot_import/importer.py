@@ -98,7 +98,6 @@ def import_robot(
             is guessed: it floats where legs are there and not locked.
         srdf: path of an SRDF, on a first import (`ImportChoices`).
         posture: which of its postures the robot rests in.
-        progress: is told what is being done.
 
     Nothing of it is written unless all of it can be; only the import file is, where
     what is guessed has to be corrected first.

@@ -1,6 +1,5 @@
 """The real shape of each link of a plant, as triangles."""
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,17 +28,11 @@ _PACKAGES = {"trimesh": "trimesh", "fcl": "python-fcl"}
 
 @dataclass(frozen=True)
 class LinkMesh:
-    """What a link looks like.
+    """What a link looks like."""
 
-    Attributes:
-        name: of the link; `model::link` where several models have one of that name.
-        body: of the plant.
-        parts: triangles by mesh file or primitive, in the link's frame.
-    """
-
-    name: str
-    body: BodyIndex
-    parts: list[Part]
+    name: str  # of the link; `model::link` where several models have one of that name
+    body: BodyIndex  # of the plant
+    parts: list[Part]  # triangles by mesh file or primitive, in the link's frame
 
 
 def has_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> bool:
@@ -66,11 +59,7 @@ def check_installed() -> None:
     )
 
 
-def read_link_meshes(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    links: Collection[str] | None = None,
-) -> list[LinkMesh]:
+def read_link_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[LinkMesh]:
     """Reads the visual shapes of each link of a finalized plant, or if it has none its
     collision shapes.
 
@@ -79,8 +68,7 @@ def read_link_meshes(
     import makes them. A half space has none and is left out.
 
     Returns:
-        One entry for each link that has a shape, the world among them; or for those of
-        `links` alone.
+        One entry for each link that has a shape, the world among them.
 
     Raises:
         ModelError: a mesh file is not there, cannot be read, or has no triangles; the
@@ -90,8 +78,6 @@ def read_link_meshes(
     meshes = []
     for body in _bodies(plant):
         name = _name(plant, body)
-        if links is not None and name not in links:
-            continue
         shapes = []
         for geometry in _geometries(plant, inspector, body):
             pose = inspector.GetPoseInFrame(geometry)

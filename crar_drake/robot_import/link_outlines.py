@@ -8,31 +8,20 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, RigidBody
 from scipy.spatial import ConvexHull, QhullError
 
-from crar_drake.robot_import.link_meshes import (
-    LinkMesh,
-    has_meshes,
-    read_link_meshes,
-)
+from crar_drake.robot_import.link_meshes import LinkMesh, has_meshes, read_link_meshes
 from crar_drake.robot_import.meshes import vertices_of
 
 
 @dataclass(frozen=True, eq=False)
 class LinkOutline:
-    """A link as balls: the vertices of its hull, or the ends of its capsules.
+    """A link as balls: the vertices of its hull, or the ends of its capsules."""
 
-    Attributes:
-        points: (V, 3) p_BV, in the link's frame [m].
-        radii: (V,) around them; 0 of vertices [m].
-    """
-
-    points: np.ndarray
-    radii: np.ndarray
+    points: np.ndarray  # (V, 3) p_BV, in the link's frame [m]
+    radii: np.ndarray  # (V,) around them; 0 of vertices [m]
 
 
 def link_outlines(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    meshes: list[LinkMesh] | None = None,
+    plant: MultibodyPlant, scene_graph: SceneGraph, meshes: list[LinkMesh] | None = None
 ) -> dict[str, LinkOutline]:
     """Link to its outline, of those that have a shape: of a finalized plant whose links
     have meshes (of `read_link_meshes`, if read already), or capsules and spheres."""

@@ -31,17 +31,11 @@ _GREY = (0.7, 0.7, 0.7, 1.0)
 
 @dataclass(frozen=True)
 class Part:
-    """One colour of a visual element, in its link's frame L.
+    """One colour of a visual element, in its link's frame L."""
 
-    Attributes:
-        vertices: (N, 3) p_LV [m].
-        faces: (M, 3) indices of vertices.
-        rgba: its colour.
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    rgba: tuple[float, ...]
+    vertices: np.ndarray  # (N, 3) p_LV [m]
+    faces: np.ndarray  # (M, 3) indices of vertices
+    rgba: tuple[float, ...]  # its colour
 
     def moved(self, X_AL: RigidTransform) -> Part:
         """The same in another frame A."""
@@ -106,7 +100,6 @@ def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
     """The link's real look: its visual elements, else its collision elements.
 
     Args:
-        link: of the source.
         up_axis: "z" if all DAE files have z up, whatever they say; "file" if each is
             to be turned as its up_axis says.
 

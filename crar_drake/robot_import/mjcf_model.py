@@ -26,9 +26,6 @@ def body_shapes(
     """What is seen of a body, and what collides, in the body's frame.
 
     Args:
-        model: compiled by MuJoCo.
-        body: its index in the model.
-        link: the name it has here.
         notes: gets a line for each geom that has no volume of its own.
     """
     first = int(model.body_geomadr[body])
@@ -160,7 +157,6 @@ def keyframe_posture(model, joint_names: Mapping[int, str]) -> dict[str, float]:
     Empty where there is no keyframe, or all of it is zero.
 
     Args:
-        model: compiled by MuJoCo.
         joint_names: index in the model to name, of the robot's joints; ball and free
             joints are left out.
     """

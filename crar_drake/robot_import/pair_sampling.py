@@ -33,19 +33,12 @@ _LONGEST = 0.5  # [rad or m] of a step
 
 @dataclass(frozen=True)
 class SampledPairs:
-    """What sampling found, in the words of MoveIt's setup assistant.
+    """What sampling found, in the words of MoveIt's setup assistant."""
 
-    Attributes:
-        watched: pairs that can meet.
-        overlapping: pairs that are in contact (or nearly) in the rest posture.
-        always: pairs in contact in nearly every configuration.
-        never: number of pairs that met in no configuration.
-    """
-
-    watched: list[list[str]]
-    overlapping: list[list[str]]
-    always: list[list[str]]
-    never: int
+    watched: list[list[str]]  # pairs that can meet
+    overlapping: list[list[str]]  # in contact (or nearly) in the rest posture
+    always: list[list[str]]  # pairs in contact in nearly every configuration
+    never: int  # number of pairs that met in no configuration
 
 
 def gaps(
@@ -172,22 +165,15 @@ class PairDistances:
         )
 
 
-def nearest_postures(
-    distances: PairDistances,
-    pairs: np.ndarray,
-    q: np.ndarray,
-    enough: float = -np.inf,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Local minima of pairs' distances within the joints' limits.
+def least_distances(
+    distances: PairDistances, pairs: np.ndarray, q: np.ndarray, enough: float = -np.inf
+) -> np.ndarray:
+    """(K,) local minima of pairs' distances within the joints' limits [m].
 
     Args:
-        distances: of the pairs.
         pairs: (K,) which pair to bring together from each start.
         q: (K, nq) the starts.
         enough: distance at which a pair's search ends [m].
-
-    Returns:
-        (K,) the least distances found [m] and (K, nq) where.
     """
     lower, upper = distances.lower, distances.upper
     q = q.copy()
@@ -225,7 +211,7 @@ def nearest_postures(
         gradient[moved] = gradients.reshape(len(_SHARES), len(rows), -1)[
             best, np.arange(len(rows))
         ][better]
-    return d, q
+    return d
 
 
 def sample_pairs(
@@ -244,7 +230,6 @@ def sample_pairs(
         capsules: their order is that of the pairs.
         rest: (nq,) the rest posture.
         adjacent: pairs that a joint connects, which always touch.
-        samples: number of random postures, from which minimisations start.
         twins: link to the same one of the robot's other side: a pair is watched if its
             image is.
         always_watched: pairs that are watched although nothing was found.
@@ -270,8 +255,8 @@ def sample_pairs(
         starts = np.concatenate([few, others], axis=1)
         pairs = np.repeat(some, starts.shape[1])
         if len(pairs):
-            d, _ = nearest_postures(distances, pairs, q[starts.ravel()], NEAR)
-            np.minimum.at(least, pairs, d)
+            found = least_distances(distances, pairs, q[starts.ravel()], NEAR)
+            np.minimum.at(least, pairs, found)
     near = {frozenset(candidates[k]) for k in np.flatnonzero(least <= NEAR)}
     near |= always_watched
     near |= {frozenset((twins or {}).get(link, link) for link in pair) for pair in near}

@@ -22,27 +22,17 @@ Poses = Mapping[str, RigidTransform]  # link to its pose
 
 @dataclass(frozen=True)
 class Shape:
-    """A visual or collision element of a link.
+    """A visual or collision element of a link."""
 
-    Attributes:
-        X_LG: pose of the geometry in the link's frame.
-        kind: "mesh", "triangles", "box", "cylinder", "sphere", "capsule" or
-            "ellipsoid".
-        path, scale: the file of a mesh, and along its axes what it is scaled by.
-        size: a box's edges, or (radius, length), or (radius,), or an ellipsoid's
-            semi-axes [m].
-        rgba: colour; None if the file has none.
-        triangles: vertices (N, 3) [m] and faces (M, 3) of a mesh that was read
-            already.
-    """
-
-    X_LG: RigidTransform
-    kind: str
-    path: Path | None = None
-    scale: tuple[float, ...] = (1.0, 1.0, 1.0)
-    size: tuple[float, ...] = ()
-    rgba: tuple[float, ...] | None = None
-    triangles: tuple[np.ndarray, np.ndarray] | None = None
+    X_LG: RigidTransform  # pose of the geometry in the link's frame
+    kind: str  # mesh, triangles, box, cylinder, sphere, capsule or ellipsoid
+    path: Path | None = None  # the file of a mesh
+    scale: tuple[float, ...] = (1.0, 1.0, 1.0)  # of a mesh, along its axes
+    size: tuple[float, ...] = ()  # a box's edges, or (radius, length), or (radius,), or
+    # an ellipsoid's semi-axes [m]
+    rgba: tuple[float, ...] | None = None  # colour; None if the file has none
+    triangles: tuple[np.ndarray, np.ndarray] | None = None  # vertices (N, 3) [m] and
+    # faces (M, 3) of a mesh that was read already
 
 
 def drake_shape(
@@ -53,7 +43,6 @@ def drake_shape(
     """What a shape of Drake's is called here; None if it is of no kind above.
 
     Args:
-        X_LG: its pose in the link's frame.
         shape: a mesh of a file, convex points, or a primitive.
         rgba: its colour; None if it has none.
     """
@@ -87,17 +76,11 @@ def drake_shape(
 
 @dataclass(frozen=True)
 class Inertia:
-    """Mass and central inertia of a link.
+    """Mass and central inertia of a link."""
 
-    Attributes:
-        mass: [kg].
-        X_LB: pose of the central frame in the link's.
-        moments: (3, 3) central inertia in that frame [kg m^2].
-    """
-
-    mass: float
-    X_LB: RigidTransform
-    moments: np.ndarray
+    mass: float  # [kg]
+    X_LB: RigidTransform  # pose of the central frame in the link's
+    moments: np.ndarray  # (3, 3) central inertia in that frame [kg m^2]
 
 
 @dataclass(frozen=True)
@@ -179,33 +162,23 @@ class Loop:
 
 @dataclass(frozen=True)
 class SourceRobot:
-    """A tree of links and joints, read from a URDF, an SDF or an MJCF.
+    """A tree of links and joints, read from a URDF, an SDF or an MJCF."""
 
-    Attributes:
-        name: of the robot.
-        path: of the file.
-        links: by name, in the file's order.
-        joints: by name, in the file's order; the links are one tree (`check_tree`).
-        notes: what was left out or read otherwise than it stands there.
-        warnings: what of it is hardly meant.
-        X_FR: pose of the root link in the frame F that all poses are given in: z
-            up, x the robot's front (`facing`).
-        loops: chains that the file closes; the tree has them open.
-        posture: joint to position [rad or m] in a rest posture of the file's own, or of
-            its SRDF.
-        allowed: pairs of links that may touch by its SRDF.
-    """
-
-    name: str
-    path: Path
-    links: dict[str, Link]
-    joints: dict[str, Joint]
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-    X_FR: RigidTransform = field(default_factory=RigidTransform)
-    loops: tuple[Loop, ...] = ()
-    posture: dict[str, float] = field(default_factory=dict)
-    allowed: frozenset[frozenset[str]] = frozenset()
+    name: str  # of the robot
+    path: Path  # of the file
+    links: dict[str, Link]  # by name, in the file's order
+    joints: dict[str, Joint]  # by name, in the file's order; the links are one tree
+    # (`check_tree`)
+    notes: tuple[str, ...] = ()  # what was left out, or read otherwise
+    warnings: tuple[str, ...] = ()  # what of it is hardly meant
+    X_FR: RigidTransform = field(default_factory=RigidTransform)  # pose of the root
+    # link in the frame F that all poses are given in: z up, x the robot's front
+    # (`facing`)
+    loops: tuple[Loop, ...] = ()  # chains that the file closes; the tree has them open
+    posture: dict[str, float] = field(default_factory=dict)  # joint to position [rad or
+    # m] in a rest posture of the file's own, or of its SRDF
+    allowed: frozenset[frozenset[str]] = frozenset()  # pairs of links that may touch by
+    # its SRDF
 
     @cached_property
     def _parents(self) -> dict[str, Joint]:

@@ -50,7 +50,6 @@ def read_sdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
     Of a world only the robot is taken: the model that has joints which turn or slide.
 
     Args:
-        path: of the file.
         package_paths: as `read_urdf` has them.
 
     Raises:

@@ -46,7 +46,6 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
     """Reads a URDF and resolves its meshes.
 
     Args:
-        path: of the file.
         package_paths: folders that contain packages, besides those that the
             environment (ROS_PACKAGE_PATH, AMENT_PREFIX_PATH) and the file's own
             place suggest.

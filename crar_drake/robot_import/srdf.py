@@ -19,18 +19,12 @@ _RESTS = ("half_sitting", "standing", "home", "ready", "neutral", "default")
 
 @dataclass(frozen=True)
 class Semantics:
-    """What an SRDF says of a robot.
+    """What an SRDF says of a robot."""
 
-    Attributes:
-        path: of the file.
-        postures: name of a posture to its joints' positions [rad or m]; groups of
-            joints whose postures have one name are one posture.
-        allowed: pairs of links whose collisions are disabled.
-    """
-
-    path: Path
-    postures: dict[str, dict[str, float]]
-    allowed: frozenset[frozenset[str]]
+    path: Path  # of the file
+    postures: dict[str, dict[str, float]]  # name of a posture to its joints' positions
+    # [rad or m]; groups of joints whose postures have one name are one posture
+    allowed: frozenset[frozenset[str]]  # pairs of links whose collisions are disabled
 
     def posture(self, name: str) -> tuple[str, dict[str, float]]:
         """A posture and its name.

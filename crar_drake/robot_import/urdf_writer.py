@@ -11,12 +11,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from crar_drake.files import whole_file
 from crar_drake.robot_import.capsule_fitting import Capsules, FittedCapsule
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.source_robot import (
-    WORLD,
-    Inertia,
-    Positions,
-    SourceRobot,
-)
+from crar_drake.robot_import.source_robot import WORLD, Inertia, Positions, SourceRobot
 
 # Prescribed joint -> (type, axis, what of the motion drives it).
 BASE_JOINTS = {
@@ -57,14 +52,10 @@ def write_urdf(
     """Writes the generated URDF.
 
     Args:
-        path: of the file.
-        robot: the source.
-        name: of the robot.
         base: one of `choices.BASES`: "prescribed", joints that the motion drives carry
             the root link; "floating", the file does not connect it with the world.
         height: of a fixed root link above the ground [m].
         locked: where joints are welded.
-        frames: the motion's points.
         visuals, capsules, inertias: by link; links that are in none are bare.
 
     Returns:

@@ -8,11 +8,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import (
-    Diagram,
-    DiagramBuilder,
-    OutputPort,
-)
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.lcm import ApplyLcmBusConfig
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from pydrake.visualization import ApplyVisualizationConfig
@@ -233,20 +229,13 @@ def _actuated(plant: MultibodyPlant, *part: ModelInstanceIndex) -> str:
 
 @dataclass(frozen=True)
 class Setup:
-    """What a scenario needs before it can be built.
+    """What a scenario needs before it can be built."""
 
-    Attributes:
-        model: the control model.
-        motion: the desired motion.
-        start_positions: (nq,) the pose of `simulated` that the run starts in, at rest.
-        simulated: a model of what is simulated: `model`, unless that stands still on
-            its soles, where the root of what is simulated floats.
-    """
-
-    model: ControlModel
-    motion: DesiredMotion
-    start_positions: np.ndarray
-    simulated: ControlModel | None = None
+    model: ControlModel  # the control model
+    motion: DesiredMotion  # the desired motion
+    start_positions: np.ndarray  # (nq,) of `simulated` at the start, at rest
+    simulated: ControlModel | None = None  # a model of what is simulated: `model`,
+    # unless that stands still on its soles, where the root of what is simulated floats
 
     def __post_init__(self) -> None:
         if self.simulated is None:

@@ -24,57 +24,34 @@ from crar_drake.robot.description import find_frame, quaternion_starts
 
 @dataclass
 class Push:
-    """A constant force on a frame's origin, for a while.
+    """A constant force on a frame's origin, for a while."""
 
-    Attributes:
-        frame: task frame of the description, or any frame of the plant.
-        force: in the world [N].
-        start: when it begins [s].
-        duration: how long it lasts [s].
-    """
-
-    frame: str = ""
-    force: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    start: float = 0.0
-    duration: float = 0.0
+    frame: str = ""  # task frame of the description, or any frame of the plant
+    force: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # in W [N]
+    start: float = 0.0  # when it begins [s]
+    duration: float = 0.0  # how long it lasts [s]
 
 
 @dataclass
 class TargetJump:
-    """All task positions are displaced by a step, for a while.
+    """All task positions are displaced by a step, for a while."""
 
-    Attributes:
-        offset: in the world [m].
-        start: when it begins [s].
-        duration: how long it lasts [s]; 0 means there is no jump.
-    """
-
-    offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    start: float = 0.0
-    duration: float = 0.0
+    offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # in W [m]
+    start: float = 0.0  # when it begins [s]
+    duration: float = 0.0  # how long it lasts [s]; 0 means there is no jump
 
 
 @dataclass
 class Disturbances:
-    """How the simulated robot differs from what the controller believes.
+    """How the simulated robot differs from what the controller believes."""
 
-    Attributes:
-        mass_scale: factor on all masses and inertias of the simulated plant.
-        position_noise: standard deviation of measured positions [rad or m].
-        velocity_noise: standard deviation of measured velocities [rad/s or m/s].
-        noise_seed: of both noises.
-        delay_periods: control periods by which the measured state is late.
-        pushes: forces on the robot.
-        target_jump: a step in the task targets.
-    """
-
-    mass_scale: float = 1.0
-    position_noise: float = 0.0
-    velocity_noise: float = 0.0
-    noise_seed: int = 0
-    delay_periods: int = 0
-    pushes: list[Push] = field(default_factory=list)
-    target_jump: TargetJump = field(default_factory=TargetJump)
+    mass_scale: float = 1.0  # factor on all masses and inertias of the simulated plant
+    position_noise: float = 0.0  # standard deviation of measured positions [rad or m]
+    velocity_noise: float = 0.0  # likewise of velocities [rad/s or m/s]
+    noise_seed: int = 0  # of both noises
+    delay_periods: int = 0  # control periods by which the measured state is late
+    pushes: list[Push] = field(default_factory=list)  # forces on the robot
+    target_jump: TargetJump = field(default_factory=TargetJump)  # of the targets
 
     def validate(self) -> None:
         """Raises ScenarioError where a field is out of its range."""
@@ -119,7 +96,6 @@ def applied_force(
 
     Args:
         plant: finalized.
-        task_frames: of the robot description.
         push: whose frame is in the plant.
 
     Raises:
@@ -250,17 +226,13 @@ def AddMeasurement(
     period: float,
     per_control_period: int = 1,
 ) -> OutputPort:
-    """Adds what lies between the plant's state and the controller, if anything.
+    """Adds what lies between the plant's state and the controller; the port of that.
 
     Args:
         builder: of the diagram that owns the plant.
         plant: finalized.
-        disturbances: noise and delay.
         period: between measurements [s].
         per_control_period: measurements in a control period, the delay's unit.
-
-    Returns:
-        The port of the measured state.
     """
     time_step = plant.time_step()
     if time_step and period != time_step:
@@ -273,10 +245,7 @@ def AddMeasurement(
         # A turn by an angle changes a quaternion by half of it.
         of_positions[start : start + 4] *= 0.5
     deviations = np.concatenate(
-        [
-            of_positions,
-            np.full(plant.num_velocities(), disturbances.velocity_noise),
-        ]
+        [of_positions, np.full(plant.num_velocities(), disturbances.velocity_noise)]
     )
     delay = disturbances.delay_periods * per_control_period
     if not deviations.any() and not delay:
@@ -293,7 +262,6 @@ def ScaleMasses(plant: MultibodyPlant, context: Context, scale: float) -> None:
 
     Args:
         plant: finalized.
-        context: of the plant.
         scale: factor; the centres of mass stay.
     """
     for instance in range(plant.num_model_instances()):

@@ -15,37 +15,24 @@ _ROUNDING = 1e-9
 
 @dataclass
 class Place:
-    """Where an obstacle is at one time.
+    """Where an obstacle is at one time."""
 
-    Attributes:
-        time: since the start [s].
-        xyz: of its centre, in the world [m].
-    """
-
-    time: float = 0.0
-    xyz: list[float] = field(default_factory=list)
+    time: float = 0.0  # since the start [s]
+    xyz: list[float] = field(default_factory=list)  # of its centre, in the world [m]
 
 
 @dataclass
 class MovingObstacle:
-    """A sphere that moves by itself, on straight lines.
+    """A sphere that moves by itself, on straight lines."""
 
-    Attributes:
-        name: of its own.
-        radius: [m].
-        speed: that the controller is told to count with [m/s]; by default the largest
-            of the way. It must not be less.
-        keyframes: where it is when; before the first and after the last it stands.
-        start, velocity: where its centre is at first [m], and its velocity [m/s],
-            instead of keyframes.
-    """
-
-    name: str = ""
+    name: str = ""  # of its own
     radius: float = 0.1  # [m]
-    speed: float | None = None  # [m/s]
-    keyframes: list[Place] = field(default_factory=list)
-    start: list[float] = field(default_factory=list)
-    velocity: list[float] = field(default_factory=list)
+    speed: float | None = None  # that the controller is told to count with [m/s]; by
+    # default the largest of the way. It must not be less.
+    keyframes: list[Place] = field(default_factory=list)  # where it is when; before the
+    # first and after the last it stands
+    start: list[float] = field(default_factory=list)  # [m], instead of keyframes
+    velocity: list[float] = field(default_factory=list)  # [m/s]
 
     def validate(self) -> None:
         """Checks all that a file may say.

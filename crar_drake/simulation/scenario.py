@@ -66,30 +66,20 @@ class SimulatedRobot:
     All off by default: contact would push penetrating segments apart, limits would
     stop a joint and effort limits would clamp the torque, so that a violation by
     the controller could not be seen.
-
-    Attributes:
-        contact: segments collide, also with the environment.
-        position_limits: joints stop at their limits.
-        effort_limits: torques are clamped at the model's effort limits.
     """
 
-    contact: bool = False
-    position_limits: bool = False
-    effort_limits: bool = False
+    contact: bool = False  # segments collide, also with the environment
+    position_limits: bool = False  # joints stop at their limits
+    effort_limits: bool = False  # torques are clamped at the model's effort limits
 
 
 @dataclass
 class Pelvis:
-    """How far the pelvis of a robot that stands may go from where it rests.
+    """How far the pelvis of a robot that stands may go from where it rests."""
 
-    Attributes:
-        x, y: to both sides along the world's axes [m].
-        down, up: along z [m].
-    """
-
-    x: float = 0.04
-    y: float = 0.04
-    down: float = 0.06
+    x: float = 0.04  # to both sides along the world's x axis [m]
+    y: float = 0.04  # and along y
+    down: float = 0.06  # along z [m]
     up: float = 0.005
 
     def box(self) -> dict[str, tuple[float, float]]:
@@ -103,15 +93,11 @@ class Pelvis:
 
 @dataclass
 class Standing:
-    """A robot that stands on its soles, on a floor with contact and friction.
+    """A robot that stands on its soles, on a floor with contact and friction."""
 
-    Attributes:
-        friction: Coulomb's coefficient of the floor.
-        pelvis: that sways and squats while the soles stand; None for one that rests.
-    """
-
-    friction: float = 0.8
-    pelvis: Pelvis | None = None
+    friction: float = 0.8  # Coulomb's coefficient of the floor
+    pelvis: Pelvis | None = None  # that sways and squats while the soles stand; None
+    # for one that rests
 
 
 @dataclass
@@ -282,12 +268,7 @@ class Scenario:
             MotionError: a unit or an axis is none.
         """
         return MotionOptions(
-            self.skeleton,
-            self.frame_rate,
-            self.unit,
-            self.up,
-            self.facing,
-            self.joints,
+            self.skeleton, self.frame_rate, self.unit, self.up, self.facing, self.joints
         )
 
     def task_list(self) -> list[Task]:
@@ -313,7 +294,6 @@ def check_experiment(experiment: str, description: RobotDescription) -> None:
 
     Args:
         experiment: of a scenario, "" if it lists tasks.
-        description: the robot's.
     """
     needs = ("left_foot", "right_foot", "left_knee", "right_knee")
     missing = [point for point in needs if point not in description.task_frames]
@@ -329,7 +309,6 @@ def check_periods(parameters: CrarParameters, time_step: float) -> None:
     """Raises ScenarioError unless the plant steps at each of the controller's ticks.
 
     Args:
-        parameters: of the controller, validated.
         time_step: as of `check_multiple`.
     """
     check_multiple("controller.period", parameters.period, time_step)

@@ -11,6 +11,7 @@ from pydrake.geometry import (
     SceneGraph,
     SceneGraphInspector,
 )
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 
@@ -24,9 +25,7 @@ def models_without_visuals(
     return [plant.GetModelInstanceName(i) for i in _unseen(plant, inspector)]
 
 
-def draw_collision_shapes(
-    plant: MultibodyPlant, scene_graph: SceneGraph
-) -> tuple[str, ...]:
+def draw_collision_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
     """Lets collision shapes be drawn where a model has nothing else.
 
     Half-spaces are left out, since they have no end. Models with any visual geometry
@@ -36,22 +35,17 @@ def draw_collision_shapes(
         plant: finalized.
         scene_graph: where the plant's geometry is registered; there must be no
             context of it yet.
-
-    Returns:
-        The names of those models.
     """
     inspector = scene_graph.model_inspector()
-    unseen = _unseen(plant, inspector)
     illustration, perception = IllustrationProperties(), PerceptionProperties()
     for properties in (illustration, perception):
         properties.AddProperty("phong", "diffuse", COLLISION_COLOR)
     source = plant.get_source_id()
-    for instance in unseen:
+    for instance in _unseen(plant, inspector):
         for geometry in _shapes(plant, inspector, instance, Role.kProximity):
             scene_graph.AssignRole(source, geometry, illustration)
             if inspector.GetPerceptionProperties(geometry) is None:
                 scene_graph.AssignRole(source, geometry, perception)
-    return tuple(plant.GetModelInstanceName(i) for i in unseen)
 
 
 def _unseen(
@@ -113,4 +107,27 @@ def set_surroundings(meshcat: Meshcat) -> None:
         _CELL * np.hstack([end, end[[1, 0, 2]]]) - corner,
         1.0,
         GRID_COLOR,
+    )
+
+
+def look_from(
+    yaw: float, pitch: float, distance: float, target: np.ndarray
+) -> RigidTransform:
+    """X_WC of a camera that looks at a point; z is its viewing axis.
+
+    Args:
+        yaw, pitch: azimuth about world z and elevation of the camera as seen from
+            the point [rad]; yaw 0 is on the +x axis.
+        distance: from the point [m].
+        target: (3,) the point [m].
+    """
+    direction = np.array(
+        [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
+    )
+    z = -direction
+    x = np.cross(z, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    return RigidTransform(
+        RotationMatrix(np.column_stack([x, np.cross(z, x), z])),
+        target + distance * direction,
     )

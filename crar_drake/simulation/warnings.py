@@ -27,17 +27,11 @@ _OF_WEIGHTS = ("rho", "rho_limits")
 
 
 def run_warnings(
-    scenario: Scenario,
-    setup: Setup,
-    report: MotionReport | None,
-    *,
-    recorded: bool,
+    scenario: Scenario, setup: Setup, report: MotionReport | None, *, recorded: bool
 ) -> list[str]:
     """Lines to show beside a run's figures, most often none.
 
     Args:
-        scenario: that is run.
-        setup: of the scenario.
         report: of its motion; None with keyframes.
         recorded: whether there is a recording.
     """

@@ -14,19 +14,13 @@ from crar_drake.motion.quaternion_spline import QuaternionSpline
 
 @dataclass
 class Keyframe:
-    """Where a task's frame or joint is to be at one time.
+    """Where a task's frame or joint is to be at one time."""
 
-    Attributes:
-        time: since the start [s].
-        xyz: position in the world [m].
-        rpy_deg: roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll) [deg].
-        joint: position of a joint [rad or m].
-    """
-
-    time: float = 0.0
-    xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    rpy_deg: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    joint: float = 0.0
+    time: float = 0.0  # since the start [s]
+    xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # in W [m]
+    rpy_deg: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # roll,
+    # pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll) [deg]
+    joint: float = 0.0  # position of a joint [rad or m]
 
 
 class KeyframeTrajectory:

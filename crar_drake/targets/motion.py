@@ -294,9 +294,7 @@ def _prescribed(
 
 
 def _prescribed_motion(
-    model: ControlModel,
-    turns: np.ndarray,
-    retargeted: RetargetedMotion,
+    model: ControlModel, turns: np.ndarray, retargeted: RetargetedMotion
 ) -> Callable[[float], np.ndarray]:
     """`desired_prescribed` of a robot whose root floats, and of whose pose at least a
     part is prescribed, as a function of time [s].

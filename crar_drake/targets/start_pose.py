@@ -37,7 +37,7 @@ _GAINS = PaperGains(
 def solve_start_pose(
     model: ControlModel, tasks: np.ndarray, prescribed: np.ndarray
 ) -> np.ndarray:
-    """The pose that comes nearest to the targets from the rest posture.
+    """The pose (nq,) that comes nearest to the targets from the rest posture.
 
     Steps of Eq. (9) with the damped inverse of Eq. (34), each shortened until all
     watched pairs and limits keep a margin (or, where the rest posture itself has
@@ -49,9 +49,6 @@ def solve_start_pose(
         model: the robot and its tasks.
         tasks: (layout.size,) [x_d; v_d; a_d] of the first instant.
         prescribed: (nq_p,) positions of the prescribed joints.
-
-    Returns:
-        (nq,) positions.
     """
     workspace = model.MakeWorkspace()
     zero = np.zeros(model.plant.num_velocities())

@@ -34,7 +34,6 @@ def with_joints(model: ControlModel, distances: str) -> ControlModel:
     out bent backwards, and shoulders at their limits.
 
     Args:
-        model: the robot.
         distances: as of `ControlModel`.
     """
     known = [task.joint for task in model.tasks]

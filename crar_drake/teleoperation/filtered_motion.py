@@ -37,7 +37,6 @@ class FilteredMotion:
     ) -> None:
         """
         Args:
-            safety_filter: of the robot.
             start: as of `SafeMotion`.
 
         Raises:

@@ -30,7 +30,6 @@ class HeardObstacles:
         """Takes what is told.
 
         Args:
-            message: of some obstacles, now.
             now: the present instant [s].
 
         Raises:

@@ -45,16 +45,10 @@ class _EnoughError(Exception):
 class LcmLink:
     """Subscribes to targets and publishes commands."""
 
-    def __init__(
-        self,
-        url: str,
-        layout: TaskLayout,
-        names: list[str],
-    ) -> None:
+    def __init__(self, url: str, layout: TaskLayout, names: list[str]) -> None:
         """
         Args:
             url: of LCM, as "udpm://239.255.76.67:7667?ttl=0".
-            layout: of the tasks.
             names: of the numbers of a command, in their order.
 
         Raises:

@@ -60,16 +60,11 @@ class MessageError(ValueError):
 
 @dataclass(frozen=True)
 class TargetMessage:
-    """New targets of some tasks.
+    """New targets of some tasks."""
 
-    Attributes:
-        time: on the sender's clock [s]; None where it sent none.
-        targets: task number to its entries of x_d, see `TaskLayout`; quaternions are of
-            unit length.
-    """
-
-    time: float | None
-    targets: Mapping[int, np.ndarray]
+    time: float | None  # on the sender's clock [s]; None where it sent none
+    targets: Mapping[int, np.ndarray]  # task number to its entries of x_d, see
+    # `TaskLayout`; quaternions are of unit length
 
 
 @dataclass(frozen=True)
@@ -84,48 +79,32 @@ class Drive:
 
 @dataclass(frozen=True)
 class Measured:
-    """Where the robot's joints are.
+    """Where the robot's joints are."""
 
-    Attributes:
-        positions: joint to position [rad or m].
-    """
-
-    positions: Mapping[str, float]
+    positions: Mapping[str, float]  # joint to position [rad or m]
 
 
 @dataclass(frozen=True)
 class Heard:
-    """An obstacle, as it is told of.
+    """An obstacle, as it is told of."""
 
-    Attributes:
-        position: (3,) of the sphere's centre in W [m]; of a capsule one end of its
-            axis.
-        radius: [m].
-        speed: that no point of it exceeds [m/s].
-        end: (3,) of a capsule the other end; None of a sphere.
-    """
-
-    position: tuple[float, float, float]
-    radius: float
-    speed: float
-    end: tuple[float, float, float] | None = None
+    position: tuple[float, float, float]  # (3,) of the sphere's centre in W [m]; of a
+    # capsule one end of its axis
+    radius: float  # [m]
+    speed: float  # that no point of it exceeds [m/s]
+    end: tuple[float, float, float] | None = None  # (3,) of a capsule the other end;
+    # None of a sphere
 
 
 @dataclass(frozen=True)
 class ObstacleMessage:
-    """Where obstacles are now.
+    """Where obstacles are now."""
 
-    Attributes:
-        obstacles: by their names; None of those that are taken away.
-    """
-
-    obstacles: Mapping[str, Heard | None]
+    obstacles: Mapping[str, Heard | None]  # by name; None: taken away
 
 
 def parse(
-    line: bytes,
-    layout: TaskLayout,
-    joints: Collection[str] = (),
+    line: bytes, layout: TaskLayout, joints: Collection[str] = ()
 ) -> TargetMessage | Measured | ObstacleMessage | Describe | Drive:
     """Reads one line.
 
@@ -165,7 +144,6 @@ def make_targets(
     Args:
         time: on the sender's clock [s], or None.
         targets: task name to a mapping of "position", "orientation" or both.
-        layout: of the tasks.
 
     Raises:
         MessageError: as `parse`.
@@ -245,7 +223,6 @@ def as_targets(x: np.ndarray, layout: TaskLayout) -> dict[str, dict]:
 
     Args:
         x: (size_x,) of the tasks, or longer.
-        layout: of the tasks.
     """
     numbers = iter(x.round(9).tolist())
     return {
@@ -302,38 +279,24 @@ def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class Command:
-    """What goes back each period.
+    """What goes back each period."""
 
-    Attributes:
-        time: of the server's clock, since it started [s].
-        of: `time` of the newest message that the command knows, on the sender's clock
-            [s]; None before the first, or where it had none.
-        status: "tracking", "blending" (onto the targets, after a start or a gap) or
-            "braking" (there are no targets).
-        positions, velocities: (nq,), (nv,) where to be one period on [rad, m].
-        torques: (nu,) of this period, at the state that it begins in [Nm or N].
-        distance: of the nearest watched pair [m]; infinite if none is watched.
-        admitted: "nominal", "corrected", or "scaled", see docs/theory/theorem.md.
-        driver: whose targets are followed, "host:port" or "LCM"; None: nobody's.
-        tracking_error: how far the robot was from what it was told when it was heard
-            last [rad or m]; NaN if it never was.
-        tracking_joint: of which joint; None of none.
-        why: what held the command back, in words; None where nothing did, or nobody
-            says.
-    """
-
-    time: float
-    of: float | None
-    status: str
-    positions: np.ndarray
-    velocities: np.ndarray
-    torques: np.ndarray
-    distance: float
-    admitted: str
-    driver: str | None = None
-    tracking_error: float = math.nan
-    tracking_joint: str | None = None
-    why: str | None = None
+    time: float  # of the server's clock, since it started [s]
+    of: float | None  # `time` of the newest message that the command knows, on the
+    # sender's clock [s]; None before the first, or where it had none
+    status: str  # "tracking", "blending" (onto the targets, after a start or a gap) or
+    # "braking" (there are no targets)
+    positions: np.ndarray  # (nq,) where to be one period on [rad, m]
+    velocities: np.ndarray  # (nv,) and how fast [rad/s, m/s]
+    torques: np.ndarray  # (nu,) at the state that the period begins in [Nm or N]
+    distance: float  # of the nearest watched pair [m]; infinite if none is watched
+    admitted: str  # "nominal", "corrected", or "scaled", see docs/theory/theorem.md
+    driver: str | None = None  # who is followed, "host:port" or "LCM"; None: nobody
+    tracking_error: float = math.nan  # how far the robot was from what it was told when
+    # it was heard last [rad or m]; NaN if it never was
+    tracking_joint: str | None = None  # of which joint; None of none
+    why: str | None = None  # what held the command back, in words; None where nothing
+    # did, or nobody says
 
     def to_line(self) -> bytes:
         """As JSON: numbers have as many digits as make sense for a robot."""

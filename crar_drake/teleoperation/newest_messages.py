@@ -23,15 +23,11 @@ class NewestMessages:
         return sum(map(len, self._of.values()))
 
     def add(self, data: bytes, sender: Hashable, driver: Hashable) -> int:
-        """Keeps a datagram.
+        """Keeps a datagram; returns how many others were thrown away for it.
 
         Args:
-            data: it.
             sender: whose it is.
             driver: of all senders who is never forgotten.
-
-        Returns:
-            How many others were thrown away for it.
         """
         kept = self._of.pop(sender, None)
         lost = 0

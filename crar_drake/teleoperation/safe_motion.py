@@ -30,22 +30,14 @@ _ADMITTED = {CORRECTED: "corrected", SCALED: "scaled"}
 
 @dataclass(frozen=True)
 class Moved:
-    """What one step of a motion was like.
+    """What one step of a motion was like."""
 
-    Attributes:
-        status: "tracking", "blending" or "braking".
-        admitted: "nominal", "corrected", or "scaled", see docs/theory/theorem.md.
-        distance: of the nearest watched pair; of a filter of joints, no distance on
-            the braking path is smaller; infinite or NaN without any [m].
-        torques: (nu,) of the step, at the state that it began in [Nm or N].
-        why: what held it back, in words; None where nothing did, or nobody says.
-    """
-
-    status: str
-    admitted: str
-    distance: float
-    torques: np.ndarray
-    why: str | None = None
+    status: str  # "tracking", "blending" or "braking"
+    admitted: str  # "nominal", "corrected", or "scaled", see docs/theory/theorem.md
+    distance: float  # of the nearest watched pair; of a filter of joints, no distance
+    # on the braking path is smaller; infinite or NaN without any [m]
+    torques: np.ndarray  # (nu,) of the step, at the state that it began in [Nm or N]
+    why: str | None = None  # what held it back, in words; None if nothing, or not known
 
 
 class SafeMotion:

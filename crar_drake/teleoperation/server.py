@@ -63,41 +63,27 @@ Address = tuple[str, int]
 
 @dataclass
 class Statistics:
-    """What a server has done so far.
+    """What a server has done so far."""
 
-    Attributes:
-        messages: datagrams that arrived, by what became of them: "taken", "malformed",
-            "oversized", "flooding" (more in a period than are judged, and not the
-            newest of their sender), "not driving" (targets of another client than the
-            one that drives).
-        targets: verdict to number of targets, see `target_stream.VERDICTS`.
-        steps: status of the command to how many there were.
-        held_back: steps that were corrected or scaled.
-        overruns: steps that began more than a period late.
-        stalls: steps that began so late that the robot goes on from rest.
-        unsent: commands that the network did not take.
-        not_followed: steps that braked since the robot was too far from what it was
-            told, or was not heard.
-        largest_error: of the robot's joints from what they were told [rad or m].
-        smallest_distance: of a watched pair [m].
-        latency: from a target's arrival to the first command that knows it.
-        step_time: of the control steps.
-        last_error: what was wrong with the last malformed message.
-    """
-
-    messages: Counter = field(default_factory=Counter)
-    targets: Counter = field(default_factory=Counter)
-    steps: Counter = field(default_factory=Counter)
-    held_back: int = 0
-    overruns: int = 0
-    stalls: int = 0
-    unsent: int = 0
-    not_followed: int = 0
-    largest_error: float = 0.0
-    smallest_distance: float = np.inf
-    latency: Latencies = field(default_factory=Latencies)
-    step_time: Latencies = field(default_factory=Latencies)
-    last_error: str = ""
+    messages: Counter = field(default_factory=Counter)  # datagrams that arrived, by
+    # what became of them: "taken", "malformed", "oversized", "flooding" (more in a
+    # period than are judged, and not the newest of their sender), "not driving"
+    # (targets of another client than the one that drives)
+    targets: Counter = field(default_factory=Counter)  # verdict to number of targets,
+    # see `target_stream.VERDICTS`
+    steps: Counter = field(default_factory=Counter)  # status to how many
+    held_back: int = 0  # steps that were corrected or scaled
+    overruns: int = 0  # steps that began more than a period late
+    stalls: int = 0  # steps that began so late that the robot goes on from rest
+    unsent: int = 0  # commands that the network did not take
+    not_followed: int = 0  # steps that braked since the robot was too far from what it
+    # was told, or was not heard
+    largest_error: float = 0.0  # of joints from what they were told [rad or m]
+    smallest_distance: float = np.inf  # of a watched pair [m]
+    latency: Latencies = field(default_factory=Latencies)  # from a target's arrival to
+    # the first command that knows it
+    step_time: Latencies = field(default_factory=Latencies)  # of the control steps
+    last_error: str = ""  # what was wrong with the last malformed message
 
     def lines(self) -> list[str]:
         """For people."""
@@ -187,7 +173,6 @@ class TeleoperationServer:
     ) -> None:
         """
         Args:
-            motion: the robot.
             gate: what a target may be.
             host, port: see `listen`.
             lcm_url: "" for no LCM.
@@ -252,9 +237,6 @@ class TeleoperationServer:
             tell: is called now and then with what was done so far.
             every: how often [s].
             asked: whether somebody asks it to end.
-
-        Returns:
-            The statistics.
 
         Raises:
             ScenarioError: the robot cannot start where it says it is.

@@ -20,25 +20,17 @@ VERDICTS = (PASSED, CLAMPED, REJECTED, LATE)
 
 @dataclass(frozen=True)
 class Gate:
-    """What a target may be.
+    """What a target may be."""
 
-    Attributes:
-        speed: faster ones are clamped: the governor lets them go no faster [m/s].
-        angular_speed: likewise of orientations [rad/s].
-        joint_speed: faster targets of tasks that are joints count as clamped, and are
-            taken to be at rest where they are. The governor passes joints as they are:
-            how fast they go is bounded by the robot's speed limits [rad/s or m/s].
-        distance: targets that are farther than this from where the robot's point is
-            are rejected, but for joints [m].
-        timeout: without a new target for so long the targets are lost: the robot
-            brakes [s].
-    """
-
-    speed: float = 1.5  # [m/s]
-    angular_speed: float = 6.0  # [rad/s]
-    joint_speed: float = 3.0  # [rad/s or m/s]
-    distance: float = 1.0  # [m]
-    timeout: float = 0.25  # [s]
+    speed: float = 1.5  # faster ones are clamped, as by the governor [m/s]
+    angular_speed: float = 6.0  # likewise of orientations [rad/s]
+    joint_speed: float = 3.0  # faster targets of tasks that are joints count as
+    # clamped, and are taken to be at rest where they are. The governor passes joints as
+    # they are: how fast they go is bounded by the robot's speed limits [rad/s or m/s].
+    distance: float = 1.0  # targets that are farther than this from where the robot's
+    # point is are rejected, but for joints [m]
+    timeout: float = 0.25  # without a new target for so long the targets are lost: the
+    # robot brakes [s]
 
 
 @dataclass
@@ -60,16 +52,12 @@ class TargetStream:
     A target goes on at the speed between the last two for as long as these were apart,
     at most 0.1 s, and then stands still. What is too fast stands still at once; the
     control law's governor makes a motion within its bounds of it, unless it is a joint.
-
-    Attributes:
-        layout: of the tasks.
-        gate: what a target may be.
-        counts: verdict to how many targets there were of it.
     """
 
-    layout: TaskLayout
-    gate: Gate
-    counts: Counter = field(default_factory=Counter)
+    layout: TaskLayout  # of the tasks
+    gate: Gate  # what a target may be
+    counts: Counter = field(default_factory=Counter)  # verdict to how many targets
+    # there were of it
     _tracks: dict[int, _Track] = field(default_factory=dict)
     _stays: dict[int, np.ndarray] = field(default_factory=dict)  # of lost tasks
 
@@ -80,16 +68,12 @@ class TargetStream:
         here: np.ndarray,
         sender: object = None,
     ) -> bool:
-        """Judges each target of a message, and keeps what is not rejected.
+        """Judges each target of a message; whether any was kept.
 
         Args:
-            message: that arrived.
             now: on our clock, when it did [s].
             here: (layout.size,) [x; ...] where the robot's points are.
             sender: each has a clock of its own.
-
-        Returns:
-            Whether any of them was kept.
         """
         kept = False
         sent = now if message.time is None else message.time

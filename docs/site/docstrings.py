@@ -15,6 +15,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import inspect
+import itertools
 import re
 import textwrap
 from importlib import import_module
@@ -82,7 +83,8 @@ def has_fields(thing: type) -> bool:
 
 
 def field_comments(source: str) -> str:
-    """A list "Attributes" of the fields of a class that have a comment behind them.
+    """A list "Attributes" of the fields of a class that have a comment behind them,
+    which may go on in the lines below.
 
     Args:
         source: of the class.
@@ -95,6 +97,9 @@ def field_comments(source: str) -> str:
             found = _COMMENTED.match(lines[field.end_lineno - 1])
             if found:
                 said.append(f"    {ast.unparse(field.target)}: {found['comment']}")
+                below = (line.strip() for line in lines[field.end_lineno :])
+                more = itertools.takewhile(lambda line: line.startswith("#"), below)
+                said += [f"        {line[1:].strip()}" for line in more]
     return "\n".join(["Attributes:", *said]) if said else ""
 
 

@@ -174,8 +174,8 @@ def test_the_next_path_is_no_farther_than_its_velocity_takes_it() -> None:
             rest, end = start + x, without + still
             for t in np.linspace(0.0, 1.0, 7):
                 off = start + t * (rest - start) - (without + t * (end - without))
-                assert (np.abs(off) <= step_reach(s, gains) * np.abs(s) + 1e-14).all()
-            np.testing.assert_allclose(rest - end, step_reach(s, gains) * s, atol=1e-14)
+                assert (np.abs(off) <= step_reach(gains) * np.abs(s) + 1e-14).all()
+            np.testing.assert_allclose(rest - end, step_reach(gains) * s, atol=1e-14)
 
 
 # --- A2: limits and speeds ----------------------------------------------------------

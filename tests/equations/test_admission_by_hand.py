@@ -15,7 +15,6 @@ from small_robots import chain_urdf, make_model
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations import admission
 from crar_drake.equations.admission import (
     AS_NOMINAL,
     CORRECTED,
@@ -461,8 +460,8 @@ def stretched_chains(rng: np.random.Generator, lengths: np.ndarray) -> Reaches:
 
 @pytest.mark.parametrize(
     "curvature",
-    [path_curvature, admission._path_curvature_loops],
-    ids=["called", "loops"],
+    [path_curvature, getattr(path_curvature, "py_func", path_curvature)],
+    ids=["called", "plain"],
 )
 def test_a_stretched_arm_bends_its_way_as_much_as_the_curvature(curvature) -> None:
     """Joints that turn one way: each link's own turn, squared, times its length."""

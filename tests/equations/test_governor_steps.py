@@ -6,9 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.equations.governor import (
     TargetBounds,
-    _between,
     _is_step,
-    _turned,
     govern_orientation,
     govern_position,
     govern_tasks,
@@ -222,26 +220,6 @@ def test_without_a_gap_the_velocity_alone_is_chased() -> None:
     found = govern_position(-0.5 * h * v_d, v_d, still, still, still, still, V, A, h)
     np.testing.assert_array_equal(found[0], still)
     np.testing.assert_allclose(found[2], [A, 0.0, 0.0])
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 0.99e-4, 1.01e-4, 0.1, 3.1, 7.0])
-def test_small_turns_are_scipys(angle: float) -> None:
-    """To their last digits, of any length of the quaternions and either sign."""
-    rng = np.random.default_rng(8)
-    for length in (1e-3, 1.0, -1e3):
-        phi = rng.normal(size=3)
-        phi *= angle / np.linalg.norm(phi)
-        start = Rotation.random(random_state=rng)
-        q = start.as_quat(scalar_first=True)
-        end = _turned(q, phi)
-        expected = Rotation.from_rotvec(phi) * start
-        off = Rotation.from_quat(end, scalar_first=True) * expected.inv()
-        assert off.magnitude() < 3e-15 and np.linalg.norm(end) == pytest.approx(1.0)
-        shortest = (expected * start.inv()).as_rotvec()
-        if angle < 3.0:
-            shortest = phi
-        found = _between(length * q, 2.0 * end)
-        np.testing.assert_allclose(found, shortest, rtol=1e-9, atol=1e-15)
 
 
 def test_many_poses_are_governed_each_as_if_alone() -> None:

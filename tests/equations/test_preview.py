@@ -481,8 +481,8 @@ def test_a_plan_asks_no_more_of_a_motor_than_it_has():
     free = plan = planned(np.zeros((0, 2 * N)), np.zeros(0))
     assert np.abs(efforts(free)[:, 0]).max() > 3.0 * limits[0]
     for _ in range(8):  # the rows are of the last plan
-        plan = planned(*effort_rows(motors, given, plan, PREVIEW))
+        plan = planned(*effort_rows(motors, given, plan))
     asked = np.abs(efforts(plan)) / limits
     assert 0.95 < asked[:, 0].max() < 1.0 and asked[:, 1].max() < 1.0
-    weak = effort_rows(motors, given, np.zeros((N, 2)), PREVIEW)
+    weak = effort_rows(motors, given, np.zeros((N, 2)))
     assert len(weak[0]) == len(weak[1]) == 0

@@ -95,7 +95,7 @@ def test_hands_do_not_jump_where_the_mode_changes_in_motion(live, referee):
     def hands() -> np.ndarray:
         return live.model.tasks_at(live.positions(), workspace)[entries]
 
-    assert live.motion.on
+    assert live.moves
     fastest = 0.0
     for constraints in ("paper", "lookahead", "none", "lookahead"):
         steps(live, 30)
@@ -209,7 +209,7 @@ def test_pushes_are_bounded_in_sum(live):
 
 
 def test_a_motion_that_is_off_stands(live):
-    assert not live.motion.on
+    assert not live.moves
     phase = live.phase
     x = live.targets().copy()
     steps(live, 20)

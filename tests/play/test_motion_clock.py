@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from crar_drake.play.motion_clock import (
-    MotionClock,
-    MotionSwitch,
-    to_and_fro,
-    turning_time,
-)
+from crar_drake.play.motion_clock import MotionClock, to_and_fro, turning_time
 
 
 @pytest.mark.parametrize("goal, ramp", [(1.0, 1.0), (-1.0, 0.4), (0.0, 2.0)])
@@ -59,14 +54,12 @@ def test_to_and_fro_is_smooth_and_stays_in_the_motion(duration):
 
 
 def test_it_rests_where_it_is_stopped_and_goes_on_from_there():
-    switch = MotionSwitch()
-    assert switch.clock.at(5.0) == (5.0, 1.0, 0.0)
-    switch.set(False, 10.0)
-    way, *rest = switch.clock.at(11.0)
+    clock = MotionClock()
+    assert clock.at(5.0) == (5.0, 1.0, 0.0)
+    clock = clock.toward(10.0, 0.0)
+    way, *rest = clock.at(11.0)
     assert rest == pytest.approx([0.0, 0.0]) and way == pytest.approx(10.5)
-    switch.set(False, 20.0)  # again: nothing new
-    assert switch.clock.at(50.0)[0] == pytest.approx(way)
-    switch.set(True, 60.0)
-    switch.set(False, 60.5)  # while it speeds up
-    assert switch.clock.at(60.5)[0] > way
-    assert switch.clock.at(70.0)[1:] == pytest.approx((0.0, 0.0))
+    assert clock.at(50.0)[0] == pytest.approx(way)
+    clock = clock.toward(60.0, 1.0).toward(60.5, 0.0)  # while it speeds up
+    assert clock.at(60.5)[0] > way
+    assert clock.at(70.0)[1:] == pytest.approx((0.0, 0.0))

@@ -32,44 +32,28 @@ _RADIANS_PER_UNIT = {"degrees": math.pi / 180.0, "radians": 1.0}
 
 @dataclass(frozen=True)
 class Bone:
-    """One bone of a skeleton, in the file's y-up world at rest.
+    """One bone of a skeleton, in the file's y-up world at rest."""
 
-    Attributes:
-        name: the bone's name, e.g. "lhumerus".
-        parent: the parent bone's name; "root" for the bones at the root.
-        direction: (3,) unit vector from the bone's start to its end.
-        length: distance from start to end [m].
-        axis: (3,) the local axes' rotation about x, y, z [rad]: C = Rz Ry Rx.
-        dof: names of its degrees of freedom in file order, among rx ry rz.
-        limits: one (lower, upper) per dof [rad]; informative only.
-    """
-
-    name: str
-    parent: str
-    direction: np.ndarray
-    length: float  # [m]
-    axis: np.ndarray  # [rad]
-    dof: tuple[str, ...] = ()
-    limits: tuple[tuple[float, float], ...] = ()
+    name: str  # the bone's name, e.g. "lhumerus".
+    parent: str  # the parent bone's name; "root" for the bones at the root
+    direction: np.ndarray  # (3,) unit vector from the bone's start to its end
+    length: float  # distance from start to end [m]
+    axis: np.ndarray  # (3,) the local axes' rotation about x, y, z [rad]: C = Rz Ry Rx
+    dof: tuple[str, ...] = ()  # its degrees of freedom in file order, of rx ry rz
+    limits: tuple[tuple[float, float], ...] = ()  # one (lower, upper) per dof [rad];
+    # informative only
 
 
 @dataclass(frozen=True)
 class Skeleton:
-    """An ASF skeleton: `bones` maps name to Bone, each parent before its children.
+    """An ASF skeleton: `bones` maps name to Bone, each parent before its children."""
 
-    Attributes:
-        name: what the file or the author calls it.
-        bones: name to Bone.
-        length_unit: the file's `length` value; one file unit is 0.0254 m divided
-            by it. Lengths in `bones` are metres already; motions need it.
-        angle_unit: "degrees" or "radians", what the file says that its angles are;
-            "" for a skeleton of no file.
-    """
-
-    name: str
-    bones: dict[str, Bone]
-    length_unit: float = CMU_LENGTH
-    angle_unit: str = ""
+    name: str  # what the file or the author calls it
+    bones: dict[str, Bone]  # name to Bone
+    length_unit: float = CMU_LENGTH  # the file's `length` value; one file unit is
+    # 0.0254 m divided by it. Lengths in `bones` are metres already; motions need it.
+    angle_unit: str = ""  # "degrees" or "radians", what the file says that its angles
+    # are; "" for a skeleton of no file
 
     @property
     def metres_per_unit(self) -> float:
@@ -79,28 +63,18 @@ class Skeleton:
 
 @dataclass(frozen=True)
 class Clip:
-    """One AMC motion on its skeleton.
+    """One AMC motion on its skeleton."""
 
-    Attributes:
-        name: what the user called it, for messages.
-        skeleton: the skeleton that it moves.
-        frame_rate: samples per second [Hz].
-        root_position: (T, 3) x y z of the root, y up [m].
-        root_rotation: (T, 3) rotations about x y z as in the file [rad].
-        joints: bone name to (T, k) dof values in the bone's dof order [rad].
-        rate_source: where the frame rate comes from, one of `performer.SOURCES`.
-        angle_unit: "degrees" or "radians", what the file says that its angles are;
-            "" for a clip of no file.
-    """
-
-    name: str
-    skeleton: Skeleton
-    frame_rate: float  # [Hz]
-    root_position: np.ndarray  # [m]
-    root_rotation: np.ndarray  # [rad]
-    joints: dict[str, np.ndarray]  # [rad]
-    rate_source: str = "given"
-    angle_unit: str = ""
+    name: str  # what the user called it, for messages
+    skeleton: Skeleton  # the skeleton that it moves
+    frame_rate: float  # samples per second [Hz]
+    root_position: np.ndarray  # (T, 3) x y z of the root, y up [m]
+    root_rotation: np.ndarray  # (T, 3) rotations about x y z as in the file [rad]
+    joints: dict[str, np.ndarray]  # bone to (T, k) values of its dof [rad]
+    rate_source: str = "given"  # where the frame rate comes from, one of
+    # `performer.SOURCES`
+    angle_unit: str = ""  # "degrees" or "radians", what the file says that its angles
+    # are; "" for a clip of no file
 
     @property
     def num_frames(self) -> int:
@@ -119,16 +93,11 @@ class BonePoses:
 
     Each dict has an entry per bone of the skeleton, and "root", whose start and
     end are both the root's position.
-
-    Attributes:
-        start: bone name to (T, 3) p_WS of its start [m].
-        end: bone name to (T, 3) p_WE of its end [m].
-        rotation: bone name to (T, 3, 3) R_WB, the identity at rest.
     """
 
-    start: dict[str, np.ndarray]  # [m]
-    end: dict[str, np.ndarray]  # [m]
-    rotation: dict[str, np.ndarray]
+    start: dict[str, np.ndarray]  # bone name to (T, 3) p_WS of its start [m]
+    end: dict[str, np.ndarray]  # bone name to (T, 3) p_WE of its end [m]
+    rotation: dict[str, np.ndarray]  # bone name to (T, 3, 3) R_WB, the identity at rest
 
 
 # --- reading ----------------------------------------------------------------------

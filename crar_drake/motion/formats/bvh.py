@@ -35,34 +35,22 @@ _NO_BONE = 0.2
 
 @dataclass(frozen=True)
 class BvhJoint:
-    """One joint of a hierarchy.
+    """One joint of a hierarchy."""
 
-    Attributes:
-        name: as in the file, without surrounding blanks; "" for an end site.
-        parent: index of its parent; -1 for a root.
-        offset: (3,) from its parent at zero rotation [file units].
-        channels: in the file's order, in lower case: "xposition", "zrotation", ...
-    """
-
-    name: str
-    parent: int
-    offset: np.ndarray
-    channels: tuple[str, ...] = ()
+    name: str  # as in the file, without surrounding blanks; "" for an end site
+    parent: int  # index of its parent; -1 for a root
+    offset: np.ndarray  # (3,) from its parent at zero rotation [file units]
+    channels: tuple[str, ...] = ()  # in the file's order, in lower case: "xposition",
+    # "zrotation", ..
 
 
 @dataclass(frozen=True)
 class Bvh:
-    """A hierarchy and its motion.
+    """A hierarchy and its motion."""
 
-    Attributes:
-        joints: each parent before its children, end sites among them.
-        values: (T, number of channels) as in the file: file units and degrees.
-        frame_time: from frame to frame [s].
-    """
-
-    joints: tuple[BvhJoint, ...]
-    values: np.ndarray
-    frame_time: float
+    joints: tuple[BvhJoint, ...]  # parents before children; end sites, too
+    values: np.ndarray  # (T, number of channels) as in the file: file units and degrees
+    frame_time: float  # from frame to frame [s]
 
     @property
     def num_frames(self) -> int:
@@ -293,17 +281,11 @@ class _Parser:
 
 @dataclass(frozen=True)
 class BvhPoses:
-    """Where each joint is, in the file's own axes and unit.
+    """Where each joint is, in the file's own axes and unit."""
 
-    Attributes:
-        positions: (J, T, 3) p_FJ [file units].
-        rotations: (J, T, 3, 3) R_FJ, the identity where all channels are zero.
-        local: (J, T, 3, 3) against the parent.
-    """
-
-    positions: np.ndarray
-    rotations: np.ndarray
-    local: np.ndarray
+    positions: np.ndarray  # (J, T, 3) p_FJ [file units]
+    rotations: np.ndarray  # (J, T, 3, 3) R_FJ, the identity where all channels are zero
+    local: np.ndarray  # (J, T, 3, 3) against the parent
 
 
 def bvh_kinematics(bvh: Bvh) -> BvhPoses:

@@ -32,23 +32,15 @@ _UNITS = ("mm", "cm", "m", "in", "")
 
 @dataclass(frozen=True)
 class Markers:
-    """Labelled points of a C3D file, or of another.
+    """Labelled points of a C3D file, or of another."""
 
-    Attributes:
-        labels: as in the file, subject prefixes included.
-        positions: (T, M, 3) [file units]; NaN where a point is hidden.
-        frame_rate: samples per second [Hz]; 0 if the file does not say.
-        unit: a key of `options.UNITS`, or "" if the file does not say.
-        measures: what the file says of the subject, e.g. "LKneeWidth" [file units].
-        format: of the file.
-    """
-
-    labels: tuple[str, ...]
-    positions: np.ndarray
-    frame_rate: float  # [Hz]
-    unit: str
-    measures: Mapping[str, float]
-    format: str = "C3D"
+    labels: tuple[str, ...]  # as in the file, subject prefixes included
+    positions: np.ndarray  # (T, M, 3) [file units]; NaN where a point is hidden
+    frame_rate: float  # samples per second [Hz]; 0 if the file does not say
+    unit: str  # a key of `options.UNITS`, or "" if the file does not say
+    measures: Mapping[str, float]  # what the file says of the subject, e.g.
+    # "LKneeWidth" [file units].
+    format: str = "C3D"  # of the file
 
 
 def read_c3d(path: str | os.PathLike[str]) -> Markers:

@@ -27,21 +27,13 @@ _COLUMNS = {"position": 3, "orientation": 4}
 
 @dataclass(frozen=True)
 class Mvnx:
-    """Segments' poses over time.
+    """Segments' poses over time."""
 
-    Attributes:
-        segments: (S,) labels.
-        positions: (T, S, 3) p_WS [m].
-        quaternions: (T, S, 4) of R_WS, w x y z.
-        frame_rate: samples per second [Hz]; 0 if the file does not say.
-        others: labels of further subjects, who are not read.
-    """
-
-    segments: tuple[str, ...]
-    positions: np.ndarray
-    quaternions: np.ndarray
-    frame_rate: float  # [Hz]
-    others: tuple[str, ...]
+    segments: tuple[str, ...]  # (S,) labels
+    positions: np.ndarray  # (T, S, 3) p_WS [m]
+    quaternions: np.ndarray  # (T, S, 4) of R_WS, w x y z
+    frame_rate: float  # samples per second [Hz]; 0 if the file does not say
+    others: tuple[str, ...]  # labels of further subjects, who are not read
 
 
 def read_mvnx(path: str | os.PathLike[str]) -> Mvnx:

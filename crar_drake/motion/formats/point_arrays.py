@@ -30,19 +30,12 @@ _UNIT = "unit"
 
 @dataclass(frozen=True)
 class PointArrays:
-    """Points over time.
+    """Points over time."""
 
-    Attributes:
-        names: (J,) of the points; empty if the file has none.
-        positions: (T, J, 3) [file units]; NaN where a point is missing.
-        frame_rate: samples per second [Hz]; 0 if the file does not say.
-        unit: what the file says, or "".
-    """
-
-    names: tuple[str, ...]
-    positions: np.ndarray
-    frame_rate: float  # [Hz]
-    unit: str = ""
+    names: tuple[str, ...]  # (J,) of the points; empty if the file has none
+    positions: np.ndarray  # (T, J, 3) [file units]; NaN where a point is missing
+    frame_rate: float  # samples per second [Hz]; 0 if the file does not say
+    unit: str = ""  # what the file says, or ""
 
 
 def read_point_arrays(path: str | os.PathLike[str]) -> PointArrays:

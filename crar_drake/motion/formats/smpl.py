@@ -60,25 +60,15 @@ _SMPL_BODY = 3 * 23  # of `body_pose`; SMPL-X has 21 joints there
 
 @dataclass(frozen=True)
 class SmplMotion:
-    """A motion of a body model.
+    """A motion of a body model."""
 
-    Attributes:
-        turns: (T, 22, 3) of `smpl_skeleton.NAMES`, axis times angle [rad].
-        translations: (T, 3) of the model [m].
-        frame_rate: samples per second [Hz]; 0 if the file does not say.
-        model: "SMPL", whose skeleton SMPL-H has as well, or "SMPL-X".
-        betas: (K,) the body's shape; none if the file does not say.
-        rate_assumed: whether the rate is what such files usually have.
-        notes: what of the file is left out.
-    """
-
-    turns: np.ndarray
-    translations: np.ndarray
-    frame_rate: float  # [Hz]
-    model: str
-    betas: np.ndarray
-    rate_assumed: bool = False
-    notes: tuple[str, ...] = ()
+    turns: np.ndarray  # (T, 22, 3) of `smpl_skeleton.NAMES`, axis times angle [rad]
+    translations: np.ndarray  # (T, 3) of the model [m]
+    frame_rate: float  # samples per second [Hz]; 0 if the file does not say
+    model: str  # "SMPL", whose skeleton SMPL-H has as well, or "SMPL-X"
+    betas: np.ndarray  # (K,) the body's shape; none if the file does not say
+    rate_assumed: bool = False  # whether the rate is what such files usually have
+    notes: tuple[str, ...] = ()  # what of the file is left out
 
 
 def holds_smpl(path: Path) -> bool:

@@ -60,40 +60,29 @@ MIRRORED = (
 
 @dataclass(frozen=True, kw_only=True)
 class Recording(Described):
-    """What a format gives, in the file's own axes F and units.
+    """What a format gives, in the file's own axes F and units."""
 
-    Attributes:
-        positions: name of JOINTS to (T, 3) p_FJ, REQUIRED among them.
-        rest: name of JOINTS to (3,) in a standing rest pose; empty if there is none.
-        rotations: name of JOINTS to (T, 3, 3) R_FJ, the identity in the rest pose
-            where there is one.
-        body_axes: (3, 3) axes of a body (x ahead, y to the left, z up) in those that
-            `rotations` turn, where these have a standing rest pose that lies in the
-            file as the format says, not along its up axis; None elsewhere.
-        floor_unknown: whether the body's lengths are not the person's, and so the
-            file's height 0 not its floor.
-        without_travel: whether the points are relative to the pelvis; then the feet
-            take them along.
-        pelvis_up: (T, 3) what is up in the pelvis; the neck from it by default.
-        hands: hand to the vectors (T, 3) to its fingertips and to its thumb's side.
-        unit: what the file states, a key of `options.UNITS`, or "".
-        unit_fact: where the unit comes from, if the positions are in metres already.
-        up: axis that the file states, or "".
-        doubts, facts: as in `Performer`.
-    """
-
-    positions: Points
-    rest: Points = field(default_factory=dict)
-    rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
-    body_axes: np.ndarray | None = None
-    floor_unknown: bool = False
-    without_travel: bool = False
-    pelvis_up: np.ndarray | None = None
-    hands: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    unit: str = ""
-    unit_fact: Fact | None = None
-    up: str = ""
-    doubts: tuple[str, ...] = ()
+    positions: Points  # name of JOINTS to (T, 3) p_FJ, REQUIRED among them
+    rest: Points = field(default_factory=dict)  # name of JOINTS to (3,) in a standing
+    # rest pose; empty if there is none
+    rotations: Mapping[str, np.ndarray] = field(default_factory=dict)  # name of JOINTS
+    # to (T, 3, 3) R_FJ, the identity in the rest pose where there is one
+    body_axes: np.ndarray | None = None  # (3, 3) axes of a body (x ahead, y to the
+    # left, z up) in those that `rotations` turn, where these have a standing rest pose
+    # that lies in the file as the format says, not along its up axis; None elsewhere
+    floor_unknown: bool = False  # whether the body's lengths are not the person's, and
+    # so the file's height 0 not its floor
+    without_travel: bool = False  # whether the points are relative to the pelvis; then
+    # the feet take them along
+    pelvis_up: np.ndarray | None = None  # (T, 3) what is up in the pelvis; the neck
+    # from it by default
+    hands: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  #
+    # hand to the vectors (T, 3) to its fingertips and to its thumb's side
+    unit: str = ""  # what the file states, a key of `options.UNITS`, or ""
+    unit_fact: Fact | None = None  # where the unit comes from, if the positions are in
+    # metres already
+    up: str = ""  # axis that the file states, or ""
+    doubts: tuple[str, ...] = ()  # as in `Performer`, and the next
     facts: tuple[Fact, ...] = ()
 
 

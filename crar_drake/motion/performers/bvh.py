@@ -90,15 +90,9 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
         labels["neck"] = "between the shoulders"
     rest_all = rest_positions(bvh, poses)
     rest = points_of(rest_all)
-    standing = _stands(rest)
-    hands, hands_obstacle = _hands(
-        bvh,
-        poses,
-        found,
-        rest if standing else {},
-        rest_all if standing else None,
-        name,
-    )
+    if not _stands(rest):
+        rest, rest_all = {}, None
+    hands, hands_obstacle = _hands(bvh, poses, found, rest, rest_all, name)
     turns = {
         _bone(bvh, j): turning(poses.local[j][first:])
         for j, joint in enumerate(bvh.joints)
@@ -113,7 +107,7 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
             positions=points,
             joints=labels,
             guessed=guessed,
-            rest=rest if standing else {},
+            rest=rest,
             rotations=rotations,
             pelvis_up=_pelvis_up(bvh, poses, found)[first:],
             hands={
@@ -131,7 +125,7 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
             same=repeated(bvh.values[first:]),
             doubts=tuple(doubts),
             notes=tuple(notes),
-            facts=(*_match_facts(match), _pose_fact(rest if standing else {})),
+            facts=(*_match_facts(match), _pose_fact(rest)),
         ),
         options,
     )

@@ -8,13 +8,7 @@ from crar_drake.motion.formats.point_arrays import PointArrays
 from crar_drake.motion.gaps import fill_all
 from crar_drake.motion.joint_names import joints_by_name, load_joint_file
 from crar_drake.motion.options import UNITS, MotionOptions
-from crar_drake.motion.performer import (
-    JOINTS,
-    Fact,
-    Performer,
-    repeated,
-    sides_swapped,
-)
+from crar_drake.motion.performer import JOINTS, Fact, Performer, repeated, sides_swapped
 from crar_drake.motion.performers.assemble import (
     MIRRORED,
     REQUIRED,

@@ -26,13 +26,13 @@ from pydrake.geometry import (
     Shape,
     Sphere,
 )
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from crar_drake.robot.description import RobotDescription, add_robot, find_body
-from crar_drake.simulation.visuals import draw_collision_shapes
+from crar_drake.simulation.visuals import draw_collision_shapes, look_from
 
 TINT = Rgba(1.0, 0.82, 0.05, 1.0)  # the paper's yellow
 _SHELL = 0.004  # by which a tint is larger than the segment's collision shape [m]
@@ -145,29 +145,6 @@ class SnapshotRenderer:
             height, _OVERSAMPLING, width, _OVERSAMPLING, 3
         )
         return blocks.mean(axis=(1, 3))
-
-
-def look_from(
-    yaw: float, pitch: float, distance: float, target: np.ndarray
-) -> RigidTransform:
-    """X_WC of a camera that looks at a point; z is its viewing axis.
-
-    Args:
-        yaw, pitch: azimuth about world z and elevation of the camera as seen from
-            the point [rad]; yaw 0 is on the +x axis.
-        distance: from the point [m].
-        target: (3,) the point [m].
-    """
-    direction = np.array(
-        [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
-    )
-    z = -direction
-    x = np.cross(z, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    return RigidTransform(
-        RotationMatrix(np.column_stack([x, np.cross(z, x), z])),
-        target + distance * direction,
-    )
 
 
 def _make_engine():

@@ -78,8 +78,8 @@ class RunResult:
     log: SimulationLog  # the samples
     summary: Summary  # the figures
     setup: Setup  # what the run was made of
-    files: list[Path] = field(default_factory=list)  # what was written, in the order of
-    # `run_scenario`; empty if nothing
+    # what was written, in the order of `run_scenario`; empty if nothing
+    files: list[Path] = field(default_factory=list)
 
 
 class RunFailed(CrarError):

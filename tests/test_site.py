@@ -215,6 +215,19 @@ def test_pages_that_docstrings_name_are_links():
 
 
 def test_comments_behind_fields_are_told():
-    source = 'class A:\n    """A."""\n\n    q: int  # (n,)\n    # [m]\n    w: int\n'
-    assert field_comments(source) == "Attributes:\n    q: (n,)\n        [m]"
+    source = '''class A:
+    """A."""
+
+    q: int  # (n,) [m]
+    w: int
+    # the last
+    # of them
+    v: int = 0
+
+    # of none
+
+    u: int = 0
+'''
+    said = "Attributes:\n    q: (n,) [m]\n    v: the last\n        of them"
+    assert field_comments(source) == said
     assert field_comments("class A:\n    q: int\n") == ""

@@ -73,10 +73,12 @@ class Reaches(NamedTuple):
 class Bounds(NamedTuple):
     """What `path_bounds` found of Np pairs."""
 
-    low: np.ndarray  # (Np,) no distance on the path is smaller [m]; what is below the
-    # level asked for is a guess; infinite where nobody asks
-    at: np.ndarray  # (Np,) where on the path, in [0, 1], a pair is not shown to be
-    # clear; -1 where it is, or nobody asks
+    # (Np,) no distance on the path is smaller [m]; what is below the level asked for is
+    # a guess; infinite where nobody asks
+    low: np.ndarray
+    # (Np,) where on the path, in [0, 1], a pair is not shown to be clear; -1 where it
+    # is, or nobody asks
+    at: np.ndarray
     d: np.ndarray  # (Np,) the distance there [m]; minus infinite if it is none (NaN)
 
 
@@ -454,8 +456,9 @@ class Present(NamedTuple):
     """What is known of the present braking path."""
 
     low: np.ndarray  # (Np,) no distance is smaller [m]; a guess where not clear
-    level: np.ndarray  # (Np,) the floor; where a pair is not clear, the smallest
-    # distance seen, unless that is none (NaN)
+    # (Np,) the floor; where a pair is not clear, the smallest distance seen, unless
+    # that is none (NaN)
+    level: np.ndarray
     held: bool  # whether every pair is shown to be clear, but for rounding
 
 

@@ -180,8 +180,8 @@ class BalanceLaw(NamedTuple):
 class Balanced(NamedTuple):
     """What is found of a braking path, or of a step."""
 
-    values: np.ndarray  # (F,) upper bounds of what R w comes to [Nm]; balanced where
-    # none is above 0
+    # (F,) upper bounds of what R w comes to [Nm]; balanced where none is above 0
+    values: np.ndarray
     seen: np.ndarray  # (F,) the largest of the places that were looked at
     at: np.ndarray  # (F,) u, where it is largest
     share: np.ndarray  # (F,) at which kappa

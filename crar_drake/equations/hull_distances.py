@@ -28,8 +28,9 @@ _MOST = 100
 class Hulls(NamedTuple):
     """What is fixed of H hulls; made by `robot.collision_pairs`."""
 
-    after: np.ndarray  # (H,) from a hull's middle, which stands for the start of its
-    # axis, to its first corner, among all points
+    # (H,) from a hull's middle, which stands for the start of its axis, to its first
+    # corner, among all points
+    after: np.ndarray
     corners: np.ndarray  # (H,) how many
     faces: np.ndarray  # (F, 3) three corners of each face, one of parallel faces
     edges: np.ndarray  # (E, 2) both ends of each edge, likewise

@@ -172,8 +172,9 @@ def place_ends(start: np.ndarray, end: np.ndarray, r: Robot, balls: Balls) -> Pl
 class Level(NamedTuple):
     """What pairs of shapes are to keep."""
 
-    of: np.ndarray  # (Np,) the floor, or where a pair is below it on the present path,
-    # the smallest distance there [m]; (0,) if that is none
+    # (Np,) the floor, or where a pair is below it on the present path, the smallest
+    # distance there [m]; (0,) if that is none
+    of: np.ndarray
     held: bool  # whether there is none
 
 

@@ -47,8 +47,9 @@ class Tree(NamedTuple):
     slide: np.ndarray
     every: np.ndarray  # (N,) True
     ancestors: np.ndarray  # (B, N) the frames 1, 2, 4, ... up, till all are the world
-    free: np.ndarray  # (F, 2) of free joints: the first frame, and where in the plant's
-    # positions their quaternion is, with the translation after it
+    # (F, 2) of free joints: the first frame, and where in the plant's positions their
+    # quaternion is, with the translation after it
+    free: np.ndarray
 
 
 class TaskPoints(NamedTuple):
@@ -341,11 +342,12 @@ class Robot(NamedTuple):
     order: np.ndarray  # (nv,) places in the plant's v: first the controlled joints
     positions: np.ndarray  # (nq,) places in the plant's q, likewise
     n: int  # number of controlled joints' velocities
-    turn: int  # where the root's orientation begins in both orders, if it is free, else
-    # negative, see `equations.free_joints`; from n on, it is prescribed
-    selection: np.ndarray  # (P, 4) of `place_points`: the joints' axes, as in
-    # `joint_motion`; the tasks' points; the axes of the tasks with an orientation;
-    # and those of the watched shapes
+    # where the root's orientation begins in both orders, if it is free, else negative,
+    # see `equations.free_joints`; from n on, it is prescribed
+    turn: int
+    # (P, 4) of `place_points`: the joints' axes, as in `joint_motion`; the tasks'
+    # points; the axes of the tasks with an orientation; and those of the watched shapes
+    selection: np.ndarray
     first: np.ndarray  # (P,) likewise
     tree: Held  # of a `Tree`
     tasks: Held  # of `TaskPoints`

@@ -77,11 +77,13 @@ class Constraints(NamedTuple):
     Rows of pairs and of joint limits alike: of a limit, g is a signed unit vector.
     """
 
-    h: np.ndarray  # (C,) margins where the robot will come to rest: distances of pairs
-    # [m], or from a joint to a limit [rad], negative beyond it
+    # (C,) margins where the robot will come to rest: distances of pairs [m], or from a
+    # joint to a limit [rad], negative beyond it
+    h: np.ndarray
     g: np.ndarray  # (C, n) their gradients by the controlled joints [m/rad or 1]
-    drift: np.ndarray  # (C,) their change other than by s: by the prescribed joints,
-    # and by what of the slip goes towards the constraint [m/s or rad/s]
+    # (C,) their change other than by s: by the prescribed joints, and by what of the
+    # slip goes towards the constraint [m/s or rad/s]
+    drift: np.ndarray
     weight: np.ndarray  # (C,) `row_weights` of pairs, rho_JL |grad h_i| of limits
     retreat: np.ndarray  # (C,) r, how fast a violated one must recede [m/s or rad/s]
 

@@ -45,9 +45,9 @@ _PLACES = 9
 class Links(NamedTuple):
     """L moving links with S shapes; made by `robot.watched_links`."""
 
-    selection: np.ndarray  # (P, 4) of `place_points`: the joints' axes, as in
-    # `joint_motion`; the balls' centres; where the shapes' axes start; and from there
-    # to their ends
+    # (P, 4) of `place_points`: the joints' axes, as in `joint_motion`; the balls'
+    # centres; where the shapes' axes start; and from there to their ends
+    selection: np.ndarray
     first: np.ndarray  # (P,) likewise
     radius: np.ndarray  # (L,) of the balls about the links' shapes [m]
     shapes: np.ndarray  # (L + 1,) where the shapes of each link begin, and all end
@@ -125,8 +125,9 @@ class Found(NamedTuple):
     """What is found of a line."""
 
     clear: bool  # whether every link keeps its levels
-    clearance: float  # no distance is smaller, less what a sphere can come nearer
-    # meanwhile, if it is clear [m]
+    # no distance is smaller, less what a sphere can come nearer meanwhile, if it is
+    # clear [m]
+    clearance: float
     link: int  # which is farthest below its level, -1 if none is
     sphere: int  # of which sphere
     failed: np.ndarray  # (L, N) bool, what is not clear; if looked at quickly, some

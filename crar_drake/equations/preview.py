@@ -62,11 +62,11 @@ class Preview(NamedTuple):
     times: np.ndarray  # (N,) tau, the instants, from now on [s]
     lengths: np.ndarray  # (N,) of the parts of constant acceleration that end there [s]
     weights: np.ndarray  # (N,) of the errors at the instants [s]
-    moved: np.ndarray  # (N, N) C, how far an acceleration of 1 in part j has led at
-    # instant i [s^2]
+    # (N, N) C, how far an acceleration of 1 in part j has led at instant i [s^2]
+    moved: np.ndarray
     coasting: float  # h, how long after an instant rows ask where the robot is [s]
-    coasted: np.ndarray  # (N, N) as C, that long after the instant and without
-    # acceleration since [s^2]
+    # (N, N) as C, that long after the instant and without acceleration since [s^2]
+    coasted: np.ndarray
     errors: np.ndarray  # (N, N) C^T diag(weights) C
     tasks: np.ndarray  # (N, 3) C^T diag(weights) [1, tau, tau^2/2]
     efforts: np.ndarray  # (N,) rho^2 of each part

@@ -98,8 +98,9 @@ class References(NamedTuple):
     posture: np.ndarray  # (n,) acceleration towards the nominal posture; 0 if off
     qddot_p: np.ndarray  # (n_p,) accelerations of the prescribed joints
     error: np.ndarray  # (m,) Eq. (11) against the targets as given, without weights.
-    qdot_0: np.ndarray = _NONE  # (n,) what the damped inverse is damped towards at the
-    # velocity and the acceleration level, `undamped_preference`; (0,) for 0
+    # (n,) what the damped inverse is damped towards at the velocity and the
+    # acceleration level, `undamped_preference`; (0,) for 0
+    qdot_0: np.ndarray = _NONE
     qddot_0: np.ndarray = _NONE
     e: np.ndarray = _NONE  # (m,) Eq. (11) against the blended targets
     e_dot: np.ndarray = _NONE  # (m,) how fast it changes

@@ -48,8 +48,9 @@ class TorqueScale(NamedTuple):
     """The largest share of the nominal step that the limits allow."""
 
     theta: float  # in [0, 1]
-    excess: float  # by which share of its limit the torque of the worst actuator is
-    # still beyond it [1]; 0 if the limits can be respected
+    # by which share of its limit the torque of the worst actuator is still beyond it
+    # [1]; 0 if the limits can be respected
+    excess: float
 
 
 @compiled

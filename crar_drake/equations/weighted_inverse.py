@@ -20,8 +20,9 @@ class DampedInverse(NamedTuple):
     """J* of Eq. (34), ready to be multiplied; made by `damped_inverse`."""
 
     B: np.ndarray  # (n, m) W^-1 J^T if m < n, else J^T
-    L: np.ndarray  # lower Cholesky factor: if m < n (m, m) of J W^-1 J^T + lambda^2 I,
-    # else (n, n) of J^T J + lambda^2 W
+    # lower Cholesky factor: if m < n (m, m) of J W^-1 J^T + lambda^2 I, else (n, n) of
+    # J^T J + lambda^2 W
+    L: np.ndarray
 
 
 @compiled

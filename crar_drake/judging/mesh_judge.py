@@ -67,13 +67,15 @@ class MeshVerdict:
     num_hulls_touching: int  # samples with a pair of hulls in penetration
     hulls_nearest: Nearest  # the smallest distance of hulls
     penetrations: list[PairContact]  # pairs whose meshes penetrate, the deepest first
-    refuted: list[PairContact]  # pairs whose hulls are in penetration where their
-    # meshes are apart, by samples in which that is so; those that overestimate most
-    # first
-    left_out: list[tuple[str, str]]  # pairs whose meshes meet in the zero and in the
-    # rest posture: they do as they are built
-    open_links: list[str]  # links whose surface is not closed, so that what is inside
-    # of it is a matter of its winding number
+    # pairs whose hulls are in penetration where their meshes are apart, by samples in
+    # which that is so; those that overestimate most first
+    refuted: list[PairContact]
+    # pairs whose meshes meet in the zero and in the rest posture: they do as they are
+    # built
+    left_out: list[tuple[str, str]]
+    # links whose surface is not closed, so that what is inside of it is a matter of its
+    # winding number
+    open_links: list[str]
 
 
 class MeshJudge:

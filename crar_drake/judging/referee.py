@@ -48,8 +48,9 @@ class Violations:
     largest_limit_excess: float  # over all joints and samples [rad or m]; 0 if none
     largest_limit_excess_joint: str | None  # that joint; None if no joint is outside
     largest_limit_excess_index: int | None  # the first sample where it is reached
-    num_beyond_speed: int | None = None  # samples with any joint faster than its limit
-    # by more than 1e-6 rad/s (or m/s); None where no velocities were given
+    # samples with any joint faster than its limit by more than 1e-6 rad/s (or m/s);
+    # None where no velocities were given
+    num_beyond_speed: int | None = None
     largest_speed_excess: float = 0.0  # [rad/s or m/s]; 0 if none
     largest_speed_excess_joint: str | None = None  # None if none is too fast
     largest_speed_excess_index: int | None = None  # the first sample with it

@@ -55,8 +55,9 @@ class FootMotion:
     """A foot's poses."""
 
     positions: np.ndarray  # (T, 3) p_WF of its frame [m]
-    turns: np.ndarray  # (T, 4) quaternions (x y z w) of how it is turned from where it
-    # stands flat and faces x
+    # (T, 4) quaternions (x y z w) of how it is turned from where it stands flat and
+    # faces x
+    turns: np.ndarray
     heel: np.ndarray  # (T,) whether it is on the floor
     ball: np.ndarray  # (T,) likewise
 

@@ -23,8 +23,9 @@ class JointCentres(Sampled):
     frame_rate: float  # samples per second [Hz]
     positions: dict[str, np.ndarray]  # name of JOINT_CENTRES to (T, 3) p_WC [m]
     heading: np.ndarray  # (T,) yaw of the hips about z, unwrapped [rad]; 0 faces x
-    hip_height: float  # the root's height above the lowest point of the feet in the
-    # skeleton's rest pose [m]
+    # the root's height above the lowest point of the feet in the skeleton's rest pose
+    # [m]
+    hip_height: float
 
 
 def file_joint(name: str) -> str:

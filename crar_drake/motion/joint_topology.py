@@ -26,10 +26,10 @@ class Limbs:
     pelvis: int  # index
     neck: int
     head: int  # -1 if there is none
-    legs: tuple[tuple[int, ...], tuple[int, ...]]  # (a, b), each indices of hip, knee,
-    # ankle and toe (-1 if there is none)
-    arms: tuple[tuple[int, ...], tuple[int, ...]]  # (a, b), each indices of shoulder,
-    # elbow and wrist
+    # (a, b), each indices of hip, knee, ankle and toe (-1 if there is none)
+    legs: tuple[tuple[int, ...], tuple[int, ...]]
+    # (a, b), each indices of shoulder, elbow and wrist
+    arms: tuple[tuple[int, ...], tuple[int, ...]]
 
 
 def find_limbs(parents: Sequence[int], lengths: np.ndarray) -> Limbs | str:

@@ -50,8 +50,8 @@ class MarkerBody:
     positions: dict[str, np.ndarray]  # joint to (T, 3)
     sources: dict[str, str]  # joint to what it is computed of
     pelvis_up: np.ndarray  # (T, 3) normal of the pelvis's plane
-    hands: dict[str, tuple[np.ndarray, np.ndarray]]  # hand to (to its fingertips, to
-    # the thumb's side), (T, 3) each
+    # hand to (to its fingertips, to the thumb's side), (T, 3) each
+    hands: dict[str, tuple[np.ndarray, np.ndarray]]
 
 
 def choose_markers(labels: Sequence[str], name: str) -> tuple[str, str, dict[str, str]]:

@@ -21,8 +21,9 @@ AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 class MotionOptions:
     """Overrides of what is read off a motion file, or inferred from it."""
 
-    skeleton: str = ""  # the ASF file of an AMC motion, "" for the one beside it; the
-    # model's own NPZ of a motion of SMPL-H or SMPL-X, "" for a body in the mean
+    # the ASF file of an AMC motion, "" for the one beside it; the model's own NPZ of a
+    # motion of SMPL-H or SMPL-X, "" for a body in the mean
+    skeleton: str = ""
     frame_rate: float | None = None  # samples per second [Hz]; None for the file's own
     unit: str = ""  # a key of UNITS, or its metres as a number; "" to infer it
     up: str = ""  # the file's axis that points up, one of AXES (the + may be left out)

@@ -97,18 +97,20 @@ class Described:
     format: str  # of the file, e.g. "BVH".
     frame_rate: float  # samples per second [Hz]
     rate_source: str  # where that comes from, one of SOURCES
-    joints: Mapping[str, str] = field(default_factory=dict)  # name of JOINTS to what it
-    # is taken from in the file
-    guessed: frozenset[str] = frozenset()  # names of JOINTS whose position the file
-    # does not have as such (a mean of others, or by a regression)
+    # name of JOINTS to what it is taken from in the file
+    joints: Mapping[str, str] = field(default_factory=dict)
+    # names of JOINTS whose position the file does not have as such (a mean of others,
+    # or by a regression)
+    guessed: frozenset[str] = frozenset()
     bones: int = 0  # number of the file's bones, markers or points
     bones_called: str = "bones"  # which of these they are
-    turns: Mapping[str, np.ndarray] = field(default_factory=dict)  # bone to the (T -
-    # 1,) angles by which it turns against its parent from one frame to the next [rad]
-    carriers: Mapping[str, frozenset[str]] = field(default_factory=dict)  # name of
-    # JOINTS to the bones whose rotations move it
-    same: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))  # (T -
-    # 1,) whether a frame's numbers are all the same as the one's before
+    # bone to the (T - 1,) angles by which it turns against its parent from one frame to
+    # the next [rad]
+    turns: Mapping[str, np.ndarray] = field(default_factory=dict)
+    # name of JOINTS to the bones whose rotations move it
+    carriers: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    # (T - 1,) whether a frame's numbers are all the same as the one's before
+    same: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     notes: tuple[str, ...] = ()  # what was mended, e.g. gaps that were filled.
     hands_obstacle: str = ""  # why nothing tells how the hands are turned, or ""
 
@@ -121,12 +123,12 @@ class Performer(Described, Sampled):
     heading: np.ndarray  # (T,) yaw of the pelvis about z, unwrapped [rad]; 0 faces x
     hip_height: float  # the pelvis's height above the soles, standing [m]
     height: float  # of the standing performer [m]
-    orientations: Mapping[str, np.ndarray] = field(default_factory=dict)  # name of
-    # JOINTS to (T, 3, 3) R_WJ, of the part of the body that begins there. It is the
-    # identity as the skeleton stands at rest, where the file's rest pose is a standing
-    # person, else see `facts`. Empty where the format has none.
-    hands: Mapping[str, np.ndarray] = field(default_factory=dict)  # "left_hand",
-    # "right_hand" to (T, 3, 3) R_WH, see `HandOrientations`
+    # name of JOINTS to (T, 3, 3) R_WJ, of the part of the body that begins there. It is
+    # the identity as the skeleton stands at rest, where the file's rest pose is a
+    # standing person, else see `facts`. Empty where the format has none.
+    orientations: Mapping[str, np.ndarray] = field(default_factory=dict)
+    # "left_hand", "right_hand" to (T, 3, 3) R_WH, see `HandOrientations`
+    hands: Mapping[str, np.ndarray] = field(default_factory=dict)
     up: str = ""  # the file's axis that points up, e.g. "+y"; "" if it is W's
     facing: str = ""  # the file's axis that becomes W's x
     facts: tuple[Fact, ...] = ()  # what the file says, and what was inferred or assumed

@@ -67,13 +67,15 @@ class MotionReport:
     """What a motion file holds."""
 
     performer: Performer  # whom the file shows
-    peak_speeds: dict[str, float]  # joint centre to its largest speed in the raw data
-    # [m/s]; empty if the skeleton has no joint centres
+    # joint centre to its largest speed in the raw data [m/s]; empty if the skeleton has
+    # no joint centres
+    peak_speeds: dict[str, float]
     flips: tuple[Flip, ...] = ()  # jumps of a bone's rotation, in frame order
     jumps: tuple[Jump, ...] = ()  # of joint centres, or of the root, in order
     frozen: tuple[FrozenStretch, ...] = ()  # stretches of identical frames
-    doubts: tuple[str, ...] = ()  # what is implausible as a whole (unit of the angles,
-    # the performer's height, the frame rate), each with what would explain it
+    # what is implausible as a whole (unit of the angles, the performer's height, the
+    # frame rate), each with what would explain it
+    doubts: tuple[str, ...] = ()
     obstacle: str = ""  # why the motion cannot drive a robot, or ""
 
     @property

@@ -40,8 +40,8 @@ class Place:
     """The nearest that a braking path comes."""
 
     time: float  # when the path begins [s]
-    distance: float = math.inf  # on it [m]; some larger one, or infinity, if nothing is
-    # as near as was asked
+    # on it [m]; some larger one, or infinity, if nothing is as near as was asked
+    distance: float = math.inf
     pair: tuple[str, str] | None = None  # of links; None if it is infinite
 
 
@@ -53,10 +53,10 @@ class PathFigures:
     judged: int = 0  # number of paths
     penetrating: int = 0  # paths with a pair at d < 0
     below_floor: int = 0  # paths with a pair nearer than the floor
-    beyond_limit: int = 0  # paths whose end, at rest, is beyond a joint limit by more
-    # than 1e-6 rad (or m)
-    nearest: Place = field(default_factory=lambda: Place(math.nan))  # the smallest
-    # distance of all
+    # paths whose end, at rest, is beyond a joint limit by more than 1e-6 rad (or m)
+    beyond_limit: int = 0
+    # the smallest distance of all
+    nearest: Place = field(default_factory=lambda: Place(math.nan))
     largest_excess: float = 0.0  # over the paths' ends [rad or m]; 0 if none is outside
     largest_excess_joint: str = ""  # that joint; "" if none
 
@@ -68,16 +68,18 @@ class CertificateVerdict:
     floor: float  # that pairs are to keep on a braking path [m]
     every: int  # one in so many control steps was judged, besides the nearest ones
     steps: PathFigures  # the braking paths of the control steps
-    between: PathFigures  # those of the samples in between, where the log is finer.
-    # What the certificate says is said of control steps: in between pairs keep off each
-    # other on the way, but paths are not promised to keep the floor.
+    # those of the samples in between, where the log is finer. What the certificate says
+    # is said of control steps: in between pairs keep off each other on the way, but
+    # paths are not promised to keep the floor.
+    between: PathFigures
     reported: int = 0  # control steps in the log that say whether they are clear
     reported_unclear: int = 0  # that say that they are not, and claim nothing
     clearance: float = math.inf  # the smallest that is claimed [m]; infinite if none is
     not_clear: int = 0  # judged paths that are claimed to be clear and are not
     not_clear_worst: Place | None = None
-    undercut: int = 0  # judged steps whose next path comes nearer than is claimed, and
-    # the worst of them, with what was claimed [m]
+    # judged steps whose next path comes nearer than is claimed, and the worst of them,
+    # with what was claimed [m]
+    undercut: int = 0
     undercut_worst: Place | None = None
     undercut_claim: float = math.nan
 

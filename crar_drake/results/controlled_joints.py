@@ -19,8 +19,9 @@ class ControlledJoints:
     acceleration: np.ndarray  # (T, n) commanded accelerations [rad/s² or m/s²]
     lower: np.ndarray  # (n,) limits, infinite where there is none [rad or m]
     upper: np.ndarray
-    excess: np.ndarray  # (T, n) how far beyond the nearer limit, negative inside, -inf
-    # for an unlimited joint [rad or m]
+    # (T, n) how far beyond the nearer limit, negative inside, -inf for an unlimited
+    # joint [rad or m]
+    excess: np.ndarray
     velocity_limits: np.ndarray  # (n,) infinite where there is none [as v]
     speed_excess: np.ndarray  # (T, n) beyond these, negative where slower [as v]
     effort_limits: np.ndarray  # (n,) infinite where there is none [as torque]

@@ -25,16 +25,18 @@ _TOUCHING = ContactThresholds(
 class Footing:
     """The figures of one run, the floor at z = 0, without blending in at the start."""
 
-    contacts: int  # stretches in which a foot is planted: from within 1 mm of the floor
-    # till it is higher than 2 mm
+    # stretches in which a foot is planted: from within 1 mm of the floor till it is
+    # higher than 2 mm
+    contacts: int
     median_slip: float | None  # that a foot slides in one of them [m]; None: none
     worst_slip: float | None  # [m]
     lowest: float  # height of the robot's lowest point [m]
     lowest_link: str  # the link it is on
     lowest_time: float  # when [s]
     planted_share: float  # share of the time in which a foot is planted
-    supported_share: float | None  # share of that in which the centre of pressure is
-    # inside the support polygon; None without any
+    # share of that in which the centre of pressure is inside the support polygon; None
+    # without any
+    supported_share: float | None
     median_outside: float | None  # how far outside it is otherwise, in the median [m]
     least_force: float  # upwards, over the weight
     largest_force: float

@@ -36,8 +36,9 @@ class LimbDirection:
 
     median: float  # over time [rad]
     most: float  # what 95 % of the time are below [rad]
-    followed: bool  # whether the tasks settle where it points; two wrists alone, for
-    # example, leave the elbows open
+    # whether the tasks settle where it points; two wrists alone, for example, leave the
+    # elbows open
+    followed: bool
 
 
 def limb_directions(

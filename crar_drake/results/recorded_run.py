@@ -53,31 +53,35 @@ _DIRECTIONS = 128
 class RecordedRun:
     """A run at F frames."""
 
-    warning_distance: float  # at which links count as near each other, of its scenario;
-    # 0 if only those inside each other do [m]
+    # at which links count as near each other, of its scenario; 0 if only those inside
+    # each other do [m]
+    warning_distance: float
     rate: float  # of the frames [Hz]
     time: np.ndarray  # (F,) from the first sample on [s]
-    poses: np.ndarray  # (F, B, 7) of the links that are drawn and move, and then of the
-    # obstacles that do: p_WB [m] and the quaternion (x, y, z, w) of R_WB
+    # (F, B, 7) of the links that are drawn and move, and then of the obstacles that do:
+    # p_WB [m] and the quaternion (x, y, z, w) of R_WB
+    poses: np.ndarray
     targets: np.ndarray  # (F, N, 3) p_WT, NaN where there is none [m]
     reached: np.ndarray  # (F, N, 3) where the points are that should be there [m]
-    near: np.ndarray  # (F, K, 8) of the nearest pairs, nearest first: the pair's
-    # number, its signed distance [m], and a point on either surface [m]; NaN where
-    # fewer are near
+    # (F, K, 8) of the nearest pairs, nearest first: the pair's number, its signed
+    # distance [m], and a point on either surface [m]; NaN where fewer are near
+    near: np.ndarray
     curve_time: np.ndarray  # (C,) of the curves [s]
-    distance_curve: np.ndarray  # (C,) the smallest of all signed distances around that
-    # time [m]; empty without watched pairs
-    error_curve: np.ndarray  # (C,) the largest of all target errors around it [m or
-    # rad], NaN without targets; empty without tasks
+    # (C,) the smallest of all signed distances around that time [m]; empty without
+    # watched pairs
+    distance_curve: np.ndarray
+    # (C,) the largest of all target errors around it [m or rad], NaN without targets;
+    # empty without tasks
+    error_curve: np.ndarray
     error_unit: str  # "m", "rad" if only orientations are tracked, "" without tasks
-    spans: dict[str, list[tuple[float, float]]]  # see `marks.marked_spans`, from the
-    # first sample on
+    # see `marks.marked_spans`, from the first sample on
+    spans: dict[str, list[tuple[float, float]]]
     pair_names: list[str]
     target_names: list[str]
     outline: np.ndarray  # (P, 3) outermost points of all frames [m]
-    penetrating: dict[int, list[tuple[int, int]]] = field(default_factory=dict)  # link,
-    # as its number among those that are drawn and move, to the first and last of frames
-    # in a row in which it is inside another
+    # link, as its number among those that are drawn and move, to the first and last of
+    # frames in a row in which it is inside another
+    penetrating: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
 
 
 class DrawnRobot:

@@ -18,8 +18,9 @@ class Stance:
     lean: float  # largest angle between the root and where it stands upright [rad]
     slide: float  # farthest that a sole's corner was from where it stood [m]
     lift: float  # highest that a corner of a sole was above the floor [m]
-    fell: float | None  # when the robot began to lie [s]; None if it stood to the end.
-    # The other figures are of the time before.
+    # when the robot began to lie [s]; None if it stood to the end. The other figures
+    # are of the time before.
+    fell: float | None
 
     def line(self) -> str:
         """The figures in words."""

@@ -35,10 +35,11 @@ class TaskErrors:
     """The errors of one task."""
 
     kind: str  # "position", "orientation" or "pose"
-    rms_error: float | None  # root of the mean over time of |p_d - p|^2 [m]; None if
-    # the task has no position
-    rms_orientation_error: float | None  # the same of Eq. (11)'s orientation error
-    # [rad]; None if the task has no orientation.
+    # root of the mean over time of |p_d - p|^2 [m]; None if the task has no position
+    rms_error: float | None
+    # the same of Eq. (11)'s orientation error [rad]; None if the task has no
+    # orientation.
+    rms_orientation_error: float | None
 
 
 @dataclass(frozen=True)
@@ -59,87 +60,105 @@ class Summary:
     period: float  # of the controller [s]
     duration: float  # from the first to the last sample [s]
     samples: int  # number of samples in the log
-    rms_task_error: float | None  # root of the mean over time and tasks of |p_d - p|^2
-    # [m]; None if no task has a position
-    rms_orientation_error: float | None  # root of the mean over time and tasks of the
-    # squared orientation error of Eq. (11) [rad]; None if no task has one.
+    # root of the mean over time and tasks of |p_d - p|^2 [m]; None if no task has a
+    # position
+    rms_task_error: float | None
+    # root of the mean over time and tasks of the squared orientation error of Eq. (11)
+    # [rad]; None if no task has one.
+    rms_orientation_error: float | None
     tasks: dict[str, TaskErrors]  # the task's name to its own errors, see `TaskErrors`
-    smallest_distance: float | None  # over time and watched pairs [m], negative inside
-    # one another; None if no pair is watched
+    # over time and watched pairs [m], negative inside one another; None if no pair is
+    # watched
+    smallest_distance: float | None
     smallest_distance_pair: str  # that pair, "link a - link b"; "" if none
     smallest_distance_time: float | None  # when [s]; None if no pair is watched
     violated_samples: int  # samples with a penetrating pair or a joint beyond a limit
-    mean_violations: float  # violated limits plus penetrating pairs, mean over time
-    # (Fig. 2 counts them per frame).
+    # violated limits plus penetrating pairs, mean over time (Fig. 2 counts them per
+    # frame).
+    mean_violations: float
     penetrating_samples: int  # samples with any pair at d < 0
     penetrating_pairs: dict[str, int]  # to their numbers of samples
-    beyond_limit_samples: int  # samples with any controlled joint beyond a limit by
-    # more than 1e-6 rad
+    # samples with any controlled joint beyond a limit by more than 1e-6 rad
+    beyond_limit_samples: int
     joints_beyond_limits: dict[str, int]  # each such joint to its number of samples
-    largest_excess: float  # the farthest that a controlled joint is beyond a limit, 0
-    # if none is [rad]
+    # the farthest that a controlled joint is beyond a limit, 0 if none is [rad]
+    largest_excess: float
     largest_excess_joint: str  # that joint; "" if none
-    beyond_speed_samples: int  # samples with any controlled joint faster than its limit
-    # by more than 1e-6 rad/s. They are no part of `violated_samples`, which is
-    # comparable with summaries from before speeds were limited.
+    # samples with any controlled joint faster than its limit by more than 1e-6 rad/s.
+    # They are no part of `violated_samples`, which is comparable with summaries from
+    # before speeds were limited.
+    beyond_speed_samples: int
     joints_beyond_speed: dict[str, int]  # each such joint to its number of samples
-    largest_speed_excess: float  # by how much a controlled joint is too fast at most, 0
-    # if none is [rad/s]
+    # by how much a controlled joint is too fast at most, 0 if none is [rad/s]
+    largest_speed_excess: float
     largest_speed_excess_joint: str  # that joint; "" if none
-    mean_power: float  # mean over time of the sum of |tau_i qdot_i| over the controlled
-    # joints, gravity included in tau [W]
+    # mean over time of the sum of |tau_i qdot_i| over the controlled joints, gravity
+    # included in tau [W]
+    mean_power: float
     peak_torque: float  # largest |tau_i| over time and controlled joints [Nm]
     peak_torque_joint: str  # that joint
     peak_torque_time: float  # when it occurred [s]
-    rms_acceleration: float  # root of the mean over time and controlled joints of the
-    # squared commanded acceleration [rad/s^2]
-    resting_distance: float | None  # smallest distance where the robot would have come
-    # to rest [m]; None unless constraints are "lookahead"
+    # root of the mean over time and controlled joints of the squared commanded
+    # acceleration [rad/s^2]
+    rms_acceleration: float
+    # smallest distance where the robot would have come to rest [m]; None unless
+    # constraints are "lookahead"
+    resting_distance: float | None
     resting_margin: float | None  # smallest margin to a joint limit there [rad]
-    admitted_steps: int  # control steps in the log that tell how they were admitted; 0
-    # unless constraints are "lookahead"
+    # control steps in the log that tell how they were admitted; 0 unless constraints
+    # are "lookahead"
+    admitted_steps: int
     corrected_steps: int  # those among them that more constraints had to correct
     scaled_steps: int  # those that were scaled towards braking
-    unclear_steps: int  # those that began with a braking path that was not known to be
-    # clear: the invariant did not hold
-    unexamined_steps: int  # those of which it is not known, since a watched pair has a
-    # shape that the admission cannot bound
-    path_clearance: float | None  # no distance on a braking path was smaller, as the
-    # controller says, or saw where the path was not clear [m]; None without such steps
+    # those that began with a braking path that was not known to be clear: the invariant
+    # did not hold
+    unclear_steps: int
+    # those of which it is not known, since a watched pair has a shape that the
+    # admission cannot bound
+    unexamined_steps: int
+    # no distance on a braking path was smaller, as the controller says, or saw where
+    # the path was not clear [m]; None without such steps
+    path_clearance: float | None
     longest_held_back: float  # time spent in corrected or scaled steps in a row [s]
     balanced_steps: int  # control steps in the log that were asked for balance
     changed_for_balance: int  # those among them that had to be corrected or scaled
-    smallest_balance: float | None  # what the ground had left on any next braking path,
-    # at least [m of the weight's arm]; None without such steps
-    torque_limited_samples: int  # samples where the effort limits took more than a
-    # tenth of what was nominal, see `limited_samples`; 0 unless they are respected
-    torque_clipped_samples: int  # those among them where not even braking was within
-    # the limits, so that torques were clipped, by more than rounding
+    # what the ground had left on any next braking path, at least [m of the weight's
+    # arm]; None without such steps
+    smallest_balance: float | None
+    # samples where the effort limits took more than a tenth of what was nominal, see
+    # `limited_samples`; 0 unless they are respected
+    torque_limited_samples: int
+    # those among them where not even braking was within the limits, so that torques
+    # were clipped, by more than rounding
+    torque_clipped_samples: int
     braking_samples: int  # samples without targets, which count in no error
-    implausible_samples: int  # samples with a measured state that no robot has, see
-    # `control.plausible`; the robot braked, and they count in no error
+    # samples with a measured state that no robot has, see `control.plausible`; the
+    # robot braked, and they count in no error
+    implausible_samples: int
     frame_rate: float | None  # of the motion [Hz]; None for keyframes, or if not known
-    frame_rate_source: str  # "given" by the user, stated by the "file", that of the CMU
-    # "database", or "assumed"; "" if there is none
+    # "given" by the user, stated by the "file", that of the CMU "database", or
+    # "assumed"; "" if there is none
+    frame_rate_source: str
     motion_findings: list[str]  # what looks bad in the motion, see `crar-drake motion`
     warnings: list[str]  # what the user may not have meant, a line each
     wall_time: float | None  # that the simulation took [s]; None if not known
     real_time_factor: float | None  # duration / wall_time; None if not known
     arithmetic: str  # what computed the control law; "" if not known
-    stopped: str = ""  # why the run ended before its time, "interrupted" or an error;
-    # "" if it did not, or if it is not known
-    sliding_joints: list[str] = field(default_factory=list)  # controlled joints whose
-    # positions are in m: what is reported of them is in m, m/s and N where rad, rad/s
-    # and Nm stand here
-    limb_directions: dict[str, LimbDirection] = field(default_factory=dict)  # limb to
-    # the angle between its direction and the performer's, see `limb_directions`; empty
-    # with keyframes, and where it was not computed
-    obstacles: dict[str, ObstacleFigures] = field(default_factory=dict)  # the name of
-    # each that moves by itself to what it did, see `ObstacleFigures`
-    stance: Stance | None = None  # how the robot stood, see `Stance`; None unless it
-    # stands by itself
-    remarks: list[str] = field(default_factory=list)  # what is bad, though it may
-    # violate nothing, a line each, see `remarks`
+    # why the run ended before its time, "interrupted" or an error; "" if it did not, or
+    # if it is not known
+    stopped: str = ""
+    # controlled joints whose positions are in m: what is reported of them is in m, m/s
+    # and N where rad, rad/s and Nm stand here
+    sliding_joints: list[str] = field(default_factory=list)
+    # limb to the angle between its direction and the performer's, see
+    # `limb_directions`; empty with keyframes, and where it was not computed
+    limb_directions: dict[str, LimbDirection] = field(default_factory=dict)
+    # the name of each that moves by itself to what it did, see `ObstacleFigures`
+    obstacles: dict[str, ObstacleFigures] = field(default_factory=dict)
+    # how the robot stood, see `Stance`; None unless it stands by itself
+    stance: Stance | None = None
+    # what is bad, though it may violate nothing, a line each, see `remarks`
+    remarks: list[str] = field(default_factory=list)
 
     @property
     def title(self) -> str:

@@ -68,8 +68,8 @@ class RootPose:
     """Where a robot's base is in the world at rest, as a URDF's origin."""
 
     xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # position [m]
-    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # roll, pitch and
-    # yaw, about the world's x, then y, then z [rad]
+    # roll, pitch and yaw, about the world's x, then y, then z [rad]
+    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
 
 
 @dataclass
@@ -221,8 +221,8 @@ class RobotDescription:
 class StandingDescription(RobotDescription):
     """A robot that stands on its soles, as `standing_description` makes one."""
 
-    pelvis: MovingPelvis | None = None  # how its base slides and its legs follow; None
-    # where they stand still
+    # how its base slides and its legs follow; None where they stand still
+    pelvis: MovingPelvis | None = None
 
     @property
     def slides(self) -> tuple[str, ...]:

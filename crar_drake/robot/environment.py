@@ -38,13 +38,14 @@ _COLOUR = np.array([0.75, 0.72, 0.66, 1.0])
 class Fixture:
     """A thing that stands in the world."""
 
-    meshes: list[str] = field(default_factory=list)  # files, by their paths from
-    # robot.yaml on: OBJ; STL, PLY and glTF with the extra `robots`
+    # files, by their paths from robot.yaml on: OBJ; STL, PLY and glTF with the extra
+    # `robots`
+    meshes: list[str] = field(default_factory=list)
     scale: float = 1.0  # to metres
-    xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # where its
-    # origin is in the world [m]
-    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # how it is
-    # turned, as a URDF's origin [rad]
+    # where its origin is in the world [m]
+    xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    # how it is turned, as a URDF's origin [rad]
+    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     hull: bool = False  # whether of pieces that are not convex the hull counts as well
 
     def validate(self, where: str) -> None:

@@ -27,10 +27,10 @@ class MovingPelvis:
     coefficients: np.ndarray
     powers: np.ndarray
     bounds: np.ndarray
-    held: np.ndarray  # (3,) a place in the box; to the law, legs are on the base as
-    # they are there [m]
-    swellings: dict[str, float]  # link of a leg to how far its capsules go from where
-    # they then are [m]
+    # (3,) a place in the box; to the law, legs are on the base as they are there [m]
+    held: np.ndarray
+    # link of a leg to how far its capsules go from where they then are [m]
+    swellings: dict[str, float]
     sole_error: float  # how far a corner of a sole goes from where it stands [m]
 
     @property

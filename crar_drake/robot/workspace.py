@@ -20,8 +20,9 @@ class ModelState:
     n controlled and n_p prescribed joints, m task rows, Nc watched pairs.
     """
 
-    q: np.ndarray  # (n,) positions of the controlled joints [rad]; those of a root
-    # whose orientation is controlled, which has one more, are not all in it
+    # (n,) positions of the controlled joints [rad]; those of a root whose orientation
+    # is controlled, which has one more, are not all in it
+    q: np.ndarray
     qdot: np.ndarray  # (n,) velocities of the controlled joints [rad/s]
     q_p: np.ndarray  # (nq_p,) positions of the prescribed joints
     qdot_p: np.ndarray  # (n_p,) and their velocities

@@ -56,11 +56,11 @@ class FrameChoice:
     """A point of the motion on the robot."""
 
     link: str = ""  # that carries it
-    point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # its position
-    # in the link's frame [m]
-    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # roll, pitch,
-    # yaw of its frame in the link's [rad]; matters only to tasks of kind orientation
-    # and pose
+    # its position in the link's frame [m]
+    point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    # roll, pitch, yaw of its frame in the link's [rad]; matters only to tasks of kind
+    # orientation and pose
+    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
 
     def place(self, X: Poses) -> np.ndarray:
         """(3,) where it is, in the frame of the links' poses [m]."""
@@ -71,41 +71,48 @@ class FrameChoice:
 class ImportChoices:
     """The keys of an import file; None is a key that is left out."""
 
-    source: str = ""  # path of the URDF, SDF or MJCF (relative to the file), or
-    # `example-robot-data:` and its path in that package
-    package_paths: list[str] = field(default_factory=list)  # folders in which the
-    # URDF's packages are looked for
+    # path of the URDF, SDF or MJCF (relative to the file), or `example-robot-data:` and
+    # its path in that package
+    source: str = ""
+    # folders in which the URDF's packages are looked for
+    package_paths: list[str] = field(default_factory=list)
     name: str = ""  # of the robot
-    srdf: str = ""  # path of an SRDF (relative to the file), whose posture is the rest
-    # posture and whose disabled pairs are not watched, where these are guessed; "" for
-    # none
+    # path of an SRDF (relative to the file), whose posture is the rest posture and
+    # whose disabled pairs are not watched, where these are guessed; "" for none
+    srdf: str = ""
     posture: str = ""  # the SRDF's `group_state`; "" for the one that a robot rests in
-    up_axis: str | None = None  # "z" if all meshes have z up, whatever they say, or
-    # "file" if DAE meshes are to be turned as they say; None where none says anything
-    # else
+    # "z" if all meshes have z up, whatever they say, or "file" if DAE meshes are to be
+    # turned as they say; None where none says anything else
+    up_axis: str | None = None
     up: str | None = None  # of the root link, one of `AXES`; None is z
     facing: str | None = None  # axis of the root link that points ahead, one of `AXES`
-    base: str | None = None  # "prescribed" (three prismatic joints and a heading
-    # between world and root link, driven by the motion), "floating" (by a quaternion:
-    # the motion turns it in all directions) or "fixed"
-    lock: list[str] | None = None  # groups (`GROUPS`) whose joints are locked where
-    # `locked` is guessed; None is all that no arm needs
+    # "prescribed" (three prismatic joints and a heading between world and root link,
+    # driven by the motion), "floating" (by a quaternion: the motion turns it in all
+    # directions) or "fixed"
+    base: str | None = None
+    # groups (`GROUPS`) whose joints are locked where `locked` is guessed; None is all
+    # that no arm needs
+    lock: list[str] | None = None
     locked: dict[str, float] | None = None  # joint to where it is welded [rad or m]
-    segments: dict[str, list[str]] | None = None  # link to the links welded to it that
-    # are one segment with it: they get common capsules, which are its own
+    # link to the links welded to it that are one segment with it: they get common
+    # capsules, which are its own
+    segments: dict[str, list[str]] | None = None
     frames: dict[str, FrameChoice] | None = None  # a motion's point to its place
     rest_posture: dict[str, float] | None = None  # joint to position [rad or m]
     pairs: list[list[str]] | None = None  # watched segment pairs, two links each
-    ground: float | None = None  # height of the ground in the world [m], which all
-    # links are watched against; minus infinity for none
-    soles: dict[str, list[list[float]]] = field(default_factory=dict)  # link to the
-    # corners of its flat sole, in the link's frame [m]
+    # height of the ground in the world [m], which all links are watched against; minus
+    # infinity for none
+    ground: float | None = None
+    # link to the corners of its flat sole, in the link's frame [m]
+    soles: dict[str, list[list[float]]] = field(default_factory=dict)
     excess: float = 0.02  # that a capsule may stick out of its link's hull [m]
     most_capsules: int = 16  # per link, at most
-    cover: bool = False  # whether the capsules are grown until they hold all triangles,
-    # by which meshes are clear wherever capsules are
-    faces: int = 2500  # triangles per part that a recording shows, at most about; a
-    # whole robot's recorded page is below 10 MB then
+    # whether the capsules are grown until they hold all triangles, by which meshes are
+    # clear wherever capsules are
+    cover: bool = False
+    # triangles per part that a recording shows, at most about; a whole robot's recorded
+    # page is below 10 MB then
+    faces: int = 2500
 
     def validate(self, where: str) -> None:
         """Checks what can be checked without the URDF.

@@ -18,15 +18,15 @@ class ImportReport:
 
     folder: Path  # that it wrote
     choices: ImportChoices  # all that was decided
-    guessed: dict[str, str] = field(default_factory=dict)  # key of the import file to
-    # how it was guessed, of new ones
+    # key of the import file to how it was guessed, of new ones
+    guessed: dict[str, str] = field(default_factory=dict)
     fits: dict[str, Fit] = field(default_factory=dict)  # link to its capsules
-    covered: dict[str, str] = field(default_factory=dict)  # link without capsules to
-    # the link whose capsules enclose it
-    notes: list[str] = field(default_factory=list)  # everything else that the user
-    # should know, one line each
-    warnings: list[str] = field(default_factory=list)  # what is likely to be wrong, or
-    # leaves the robot unprotected
+    # link without capsules to the link whose capsules enclose it
+    covered: dict[str, str] = field(default_factory=dict)
+    # everything else that the user should know, one line each
+    notes: list[str] = field(default_factory=list)
+    # what is likely to be wrong, or leaves the robot unprotected
+    warnings: list[str] = field(default_factory=list)
 
     @property
     def file(self) -> Path:

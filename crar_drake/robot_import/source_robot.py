@@ -28,11 +28,11 @@ class Shape:
     kind: str  # mesh, triangles, box, cylinder, sphere, capsule or ellipsoid
     path: Path | None = None  # the file of a mesh
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)  # of a mesh, along its axes
-    size: tuple[float, ...] = ()  # a box's edges, or (radius, length), or (radius,), or
-    # an ellipsoid's semi-axes [m]
+    # a box's edges, or (radius, length), or (radius,), or an ellipsoid's semi-axes [m]
+    size: tuple[float, ...] = ()
     rgba: tuple[float, ...] | None = None  # colour; None if the file has none
-    triangles: tuple[np.ndarray, np.ndarray] | None = None  # vertices (N, 3) [m] and
-    # faces (M, 3) of a mesh that was read already
+    # vertices (N, 3) [m] and faces (M, 3) of a mesh that was read already
+    triangles: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def drake_shape(
@@ -167,18 +167,18 @@ class SourceRobot:
     name: str  # of the robot
     path: Path  # of the file
     links: dict[str, Link]  # by name, in the file's order
-    joints: dict[str, Joint]  # by name, in the file's order; the links are one tree
-    # (`check_tree`)
+    # by name, in the file's order; the links are one tree (`check_tree`)
+    joints: dict[str, Joint]
     notes: tuple[str, ...] = ()  # what was left out, or read otherwise
     warnings: tuple[str, ...] = ()  # what of it is hardly meant
-    X_FR: RigidTransform = field(default_factory=RigidTransform)  # pose of the root
-    # link in the frame F that all poses are given in: z up, x the robot's front
-    # (`facing`)
+    # pose of the root link in the frame F that all poses are given in: z up, x the
+    # robot's front (`facing`)
+    X_FR: RigidTransform = field(default_factory=RigidTransform)
     loops: tuple[Loop, ...] = ()  # chains that the file closes; the tree has them open
-    posture: dict[str, float] = field(default_factory=dict)  # joint to position [rad or
-    # m] in a rest posture of the file's own, or of its SRDF
-    allowed: frozenset[frozenset[str]] = frozenset()  # pairs of links that may touch by
-    # its SRDF
+    # joint to position [rad or m] in a rest posture of the file's own, or of its SRDF
+    posture: dict[str, float] = field(default_factory=dict)
+    # pairs of links that may touch by its SRDF
+    allowed: frozenset[frozenset[str]] = frozenset()
 
     @cached_property
     def _parents(self) -> dict[str, Joint]:

@@ -22,8 +22,9 @@ class Semantics:
     """What an SRDF says of a robot."""
 
     path: Path  # of the file
-    postures: dict[str, dict[str, float]]  # name of a posture to its joints' positions
-    # [rad or m]; groups of joints whose postures have one name are one posture
+    # name of a posture to its joints' positions [rad or m]; groups of joints whose
+    # postures have one name are one posture
+    postures: dict[str, dict[str, float]]
     allowed: frozenset[frozenset[str]]  # pairs of links whose collisions are disabled
 
     def posture(self, name: str) -> tuple[str, dict[str, float]]:

@@ -234,8 +234,9 @@ class Setup:
     model: ControlModel  # the control model
     motion: DesiredMotion  # the desired motion
     start_positions: np.ndarray  # (nq,) of `simulated` at the start, at rest
-    simulated: ControlModel | None = None  # a model of what is simulated: `model`,
-    # unless that stands still on its soles, where the root of what is simulated floats
+    # a model of what is simulated: `model`, unless that stands still on its soles,
+    # where the root of what is simulated floats
+    simulated: ControlModel | None = None
 
     def __post_init__(self) -> None:
         if self.simulated is None:

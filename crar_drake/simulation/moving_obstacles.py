@@ -27,10 +27,11 @@ class MovingObstacle:
 
     name: str = ""  # of its own
     radius: float = 0.1  # [m]
-    speed: float | None = None  # that the controller is told to count with [m/s]; by
-    # default the largest of the way. It must not be less.
-    keyframes: list[Place] = field(default_factory=list)  # where it is when; before the
-    # first and after the last it stands
+    # that the controller is told to count with [m/s]; by default the largest of the
+    # way. It must not be less.
+    speed: float | None = None
+    # where it is when; before the first and after the last it stands
+    keyframes: list[Place] = field(default_factory=list)
     start: list[float] = field(default_factory=list)  # [m], instead of keyframes
     velocity: list[float] = field(default_factory=list)  # [m/s]
 

@@ -96,8 +96,8 @@ class Standing:
     """A robot that stands on its soles, on a floor with contact and friction."""
 
     friction: float = 0.8  # Coulomb's coefficient of the floor
-    pelvis: Pelvis | None = None  # that sways and squats while the soles stand; None
-    # for one that rests
+    # that sways and squats while the soles stand; None for one that rests
+    pelvis: Pelvis | None = None
 
 
 @dataclass

@@ -14,14 +14,14 @@ class DesiredMotion:
     """The desired motion of one robot, as functions of time and as systems."""
 
     duration: float  # of the motion [s]
-    tasks_at: Callable[[float], np.ndarray]  # time [s] to [x_d; v_d; a_d]
-    # (layout.size,)
-    prescribed_at: Callable[[float], np.ndarray]  # time [s] to the prescribed joints'
-    # positions (nq_p,)
-    MakeTaskSource: Callable[[], LeafSystem]  # makes the system that emits
-    # `desired_tasks`
-    MakePrescribedSource: Callable[[], LeafSystem] | None  # makes that of
-    # `desired_prescribed`; None without prescribed joints
+    # time [s] to [x_d; v_d; a_d] (layout.size,)
+    tasks_at: Callable[[float], np.ndarray]
+    # time [s] to the prescribed joints' positions (nq_p,)
+    prescribed_at: Callable[[float], np.ndarray]
+    # makes the system that emits `desired_tasks`
+    MakeTaskSource: Callable[[], LeafSystem]
+    # makes that of `desired_prescribed`; None without prescribed joints
+    MakePrescribedSource: Callable[[], LeafSystem] | None
     performer: Performer | None = None  # of the file; None with keyframes
-    start: np.ndarray | None = None  # (nq,) the whole robot at time 0; None where the
-    # motion does not tell
+    # (nq,) the whole robot at time 0; None where the motion does not tell
+    start: np.ndarray | None = None

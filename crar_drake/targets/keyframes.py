@@ -18,8 +18,8 @@ class Keyframe:
 
     time: float = 0.0  # since the start [s]
     xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # in W [m]
-    rpy_deg: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # roll,
-    # pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll) [deg]
+    # roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll) [deg]
+    rpy_deg: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     joint: float = 0.0  # position of a joint [rad or m]
 
 

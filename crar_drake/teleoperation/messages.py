@@ -63,8 +63,9 @@ class TargetMessage:
     """New targets of some tasks."""
 
     time: float | None  # on the sender's clock [s]; None where it sent none
-    targets: Mapping[int, np.ndarray]  # task number to its entries of x_d, see
-    # `TaskLayout`; quaternions are of unit length
+    # task number to its entries of x_d, see `TaskLayout`; quaternions are of unit
+    # length
+    targets: Mapping[int, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -88,12 +89,12 @@ class Measured:
 class Heard:
     """An obstacle, as it is told of."""
 
-    position: tuple[float, float, float]  # (3,) of the sphere's centre in W [m]; of a
-    # capsule one end of its axis
+    # (3,) of the sphere's centre in W [m]; of a capsule one end of its axis
+    position: tuple[float, float, float]
     radius: float  # [m]
     speed: float  # that no point of it exceeds [m/s]
-    end: tuple[float, float, float] | None = None  # (3,) of a capsule the other end;
-    # None of a sphere
+    # (3,) of a capsule the other end; None of a sphere
+    end: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -282,21 +283,24 @@ class Command:
     """What goes back each period."""
 
     time: float  # of the server's clock, since it started [s]
-    of: float | None  # `time` of the newest message that the command knows, on the
-    # sender's clock [s]; None before the first, or where it had none
-    status: str  # "tracking", "blending" (onto the targets, after a start or a gap) or
-    # "braking" (there are no targets)
+    # `time` of the newest message that the command knows, on the sender's clock [s];
+    # None before the first, or where it had none
+    of: float | None
+    # "tracking", "blending" (onto the targets, after a start or a gap) or "braking"
+    # (there are no targets)
+    status: str
     positions: np.ndarray  # (nq,) where to be one period on [rad, m]
     velocities: np.ndarray  # (nv,) and how fast [rad/s, m/s]
     torques: np.ndarray  # (nu,) at the state that the period begins in [Nm or N]
     distance: float  # of the nearest watched pair [m]; infinite if none is watched
     admitted: str  # "nominal", "corrected", or "scaled", see docs/theory/theorem.md
     driver: str | None = None  # who is followed, "host:port" or "LCM"; None: nobody
-    tracking_error: float = math.nan  # how far the robot was from what it was told when
-    # it was heard last [rad or m]; NaN if it never was
+    # how far the robot was from what it was told when it was heard last [rad or m]; NaN
+    # if it never was
+    tracking_error: float = math.nan
     tracking_joint: str | None = None  # of which joint; None of none
-    why: str | None = None  # what held the command back, in words; None where nothing
-    # did, or nobody says
+    # what held the command back, in words; None where nothing did, or nobody says
+    why: str | None = None
 
     def to_line(self) -> bytes:
         """As JSON: numbers have as many digits as make sense for a robot."""

@@ -34,8 +34,9 @@ class Moved:
 
     status: str  # "tracking", "blending" or "braking"
     admitted: str  # "nominal", "corrected", or "scaled", see docs/theory/theorem.md
-    distance: float  # of the nearest watched pair; of a filter of joints, no distance
-    # on the braking path is smaller; infinite or NaN without any [m]
+    # of the nearest watched pair; of a filter of joints, no distance on the braking
+    # path is smaller; infinite or NaN without any [m]
+    distance: float
     torques: np.ndarray  # (nu,) of the step, at the state that it began in [Nm or N]
     why: str | None = None  # what held it back, in words; None if nothing, or not known
 

@@ -65,23 +65,24 @@ Address = tuple[str, int]
 class Statistics:
     """What a server has done so far."""
 
-    messages: Counter = field(default_factory=Counter)  # datagrams that arrived, by
-    # what became of them: "taken", "malformed", "oversized", "flooding" (more in a
-    # period than are judged, and not the newest of their sender), "not driving"
-    # (targets of another client than the one that drives)
-    targets: Counter = field(default_factory=Counter)  # verdict to number of targets,
-    # see `target_stream.VERDICTS`
+    # datagrams that arrived, by what became of them: "taken", "malformed", "oversized",
+    # "flooding" (more in a period than are judged, and not the newest of their sender),
+    # "not driving" (targets of another client than the one that drives)
+    messages: Counter = field(default_factory=Counter)
+    # verdict to number of targets, see `target_stream.VERDICTS`
+    targets: Counter = field(default_factory=Counter)
     steps: Counter = field(default_factory=Counter)  # status to how many
     held_back: int = 0  # steps that were corrected or scaled
     overruns: int = 0  # steps that began more than a period late
     stalls: int = 0  # steps that began so late that the robot goes on from rest
     unsent: int = 0  # commands that the network did not take
-    not_followed: int = 0  # steps that braked since the robot was too far from what it
-    # was told, or was not heard
+    # steps that braked since the robot was too far from what it was told, or was not
+    # heard
+    not_followed: int = 0
     largest_error: float = 0.0  # of joints from what they were told [rad or m]
     smallest_distance: float = np.inf  # of a watched pair [m]
-    latency: Latencies = field(default_factory=Latencies)  # from a target's arrival to
-    # the first command that knows it
+    # from a target's arrival to the first command that knows it
+    latency: Latencies = field(default_factory=Latencies)
     step_time: Latencies = field(default_factory=Latencies)  # of the control steps
     last_error: str = ""  # what was wrong with the last malformed message
 

@@ -24,13 +24,15 @@ class Gate:
 
     speed: float = 1.5  # faster ones are clamped, as by the governor [m/s]
     angular_speed: float = 6.0  # likewise of orientations [rad/s]
-    joint_speed: float = 3.0  # faster targets of tasks that are joints count as
-    # clamped, and are taken to be at rest where they are. The governor passes joints as
-    # they are: how fast they go is bounded by the robot's speed limits [rad/s or m/s].
-    distance: float = 1.0  # targets that are farther than this from where the robot's
-    # point is are rejected, but for joints [m]
-    timeout: float = 0.25  # without a new target for so long the targets are lost: the
-    # robot brakes [s]
+    # faster targets of tasks that are joints count as clamped, and are taken to be at
+    # rest where they are. The governor passes joints as they are: how fast they go is
+    # bounded by the robot's speed limits [rad/s or m/s].
+    joint_speed: float = 3.0
+    # targets that are farther than this from where the robot's point is are rejected,
+    # but for joints [m]
+    distance: float = 1.0
+    # without a new target for so long the targets are lost: the robot brakes [s]
+    timeout: float = 0.25
 
 
 @dataclass
@@ -56,8 +58,8 @@ class TargetStream:
 
     layout: TaskLayout  # of the tasks
     gate: Gate  # what a target may be
-    counts: Counter = field(default_factory=Counter)  # verdict to how many targets
-    # there were of it
+    # verdict to how many targets there were of it
+    counts: Counter = field(default_factory=Counter)
     _tracks: dict[int, _Track] = field(default_factory=dict)
     _stays: dict[int, np.ndarray] = field(default_factory=dict)  # of lost tasks
 

@@ -7,7 +7,7 @@ becomes a list of names under "Args"; likewise every other line at the margin th
 with a colon and has an indented line right below. The rest is Markdown: what is
 indented is a formula or a drawing, and names in backticks are links where the
 reference has them. The fields of a class without a list "Attributes" are told by the
-comments behind them.
+comments behind them, or above them.
 """
 
 from __future__ import annotations
@@ -83,8 +83,8 @@ def has_fields(thing: type) -> bool:
 
 
 def field_comments(source: str) -> str:
-    """A list "Attributes" of the fields of a class that have a comment behind them,
-    which may go on in the lines below.
+    """A list "Attributes" of the fields of a class that have a comment behind them, or
+    right above.
 
     Args:
         source: of the class.
@@ -94,12 +94,15 @@ def field_comments(source: str) -> str:
     said = []
     for field in definition.body:
         if isinstance(field, ast.AnnAssign):
-            found = _COMMENTED.match(lines[field.end_lineno - 1])
-            if found:
-                said.append(f"    {ast.unparse(field.target)}: {found['comment']}")
-                below = (line.strip() for line in lines[field.end_lineno :])
-                more = itertools.takewhile(lambda line: line.startswith("#"), below)
-                said += [f"        {line[1:].strip()}" for line in more]
+            over = (line.strip() for line in reversed(lines[: field.lineno - 1]))
+            above = [*itertools.takewhile(lambda line: line.startswith("#"), over)]
+            comments = [line.lstrip("#: ") for line in reversed(above)]
+            if found := _COMMENTED.match(lines[field.end_lineno - 1]):
+                comments.append(found["comment"])
+            if comments:
+                name, first, *others = ast.unparse(field.target), *comments
+                said.append(f"    {name}: {first}")
+                said += [f"        {other}" for other in others]
     return "\n".join(["Attributes:", *said]) if said else ""
 
 

@@ -40,8 +40,8 @@ class Bone:
     length: float  # distance from start to end [m]
     axis: np.ndarray  # (3,) the local axes' rotation about x, y, z [rad]: C = Rz Ry Rx
     dof: tuple[str, ...] = ()  # its degrees of freedom in file order, of rx ry rz
-    limits: tuple[tuple[float, float], ...] = ()  # one (lower, upper) per dof [rad];
-    # informative only
+    # one (lower, upper) per dof [rad]; informative only
+    limits: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,12 @@ class Skeleton:
 
     name: str  # what the file or the author calls it
     bones: dict[str, Bone]  # name to Bone
-    length_unit: float = CMU_LENGTH  # the file's `length` value; one file unit is
-    # 0.0254 m divided by it. Lengths in `bones` are metres already; motions need it.
-    angle_unit: str = ""  # "degrees" or "radians", what the file says that its angles
-    # are; "" for a skeleton of no file
+    # the file's `length` value; one file unit is 0.0254 m divided by it. Lengths in
+    # `bones` are metres already; motions need it.
+    length_unit: float = CMU_LENGTH
+    # "degrees" or "radians", what the file says that its angles are; "" for a skeleton
+    # of no file
+    angle_unit: str = ""
 
     @property
     def metres_per_unit(self) -> float:
@@ -71,10 +73,11 @@ class Clip:
     root_position: np.ndarray  # (T, 3) x y z of the root, y up [m]
     root_rotation: np.ndarray  # (T, 3) rotations about x y z as in the file [rad]
     joints: dict[str, np.ndarray]  # bone to (T, k) values of its dof [rad]
-    rate_source: str = "given"  # where the frame rate comes from, one of
-    # `performer.SOURCES`
-    angle_unit: str = ""  # "degrees" or "radians", what the file says that its angles
-    # are; "" for a clip of no file
+    # where the frame rate comes from, one of `performer.SOURCES`
+    rate_source: str = "given"
+    # "degrees" or "radians", what the file says that its angles are; "" for a clip of
+    # no file
+    angle_unit: str = ""
 
     @property
     def num_frames(self) -> int:

@@ -38,8 +38,8 @@ class Markers:
     positions: np.ndarray  # (T, M, 3) [file units]; NaN where a point is hidden
     frame_rate: float  # samples per second [Hz]; 0 if the file does not say
     unit: str  # a key of `options.UNITS`, or "" if the file does not say
-    measures: Mapping[str, float]  # what the file says of the subject, e.g.
-    # "LKneeWidth" [file units].
+    # what the file says of the subject, e.g. "LKneeWidth" [file units].
+    measures: Mapping[str, float]
     format: str = "C3D"  # of the file
 
 

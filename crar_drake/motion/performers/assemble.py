@@ -63,24 +63,26 @@ class Recording(Described):
     """What a format gives, in the file's own axes F and units."""
 
     positions: Points  # name of JOINTS to (T, 3) p_FJ, REQUIRED among them
-    rest: Points = field(default_factory=dict)  # name of JOINTS to (3,) in a standing
-    # rest pose; empty if there is none
-    rotations: Mapping[str, np.ndarray] = field(default_factory=dict)  # name of JOINTS
-    # to (T, 3, 3) R_FJ, the identity in the rest pose where there is one
-    body_axes: np.ndarray | None = None  # (3, 3) axes of a body (x ahead, y to the
-    # left, z up) in those that `rotations` turn, where these have a standing rest pose
-    # that lies in the file as the format says, not along its up axis; None elsewhere
-    floor_unknown: bool = False  # whether the body's lengths are not the person's, and
-    # so the file's height 0 not its floor
-    without_travel: bool = False  # whether the points are relative to the pelvis; then
-    # the feet take them along
-    pelvis_up: np.ndarray | None = None  # (T, 3) what is up in the pelvis; the neck
-    # from it by default
+    # name of JOINTS to (3,) in a standing rest pose; empty if there is none
+    rest: Points = field(default_factory=dict)
+    # name of JOINTS to (T, 3, 3) R_FJ, the identity in the rest pose where there is one
+    rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
+    # (3, 3) axes of a body (x ahead, y to the left, z up) in those that `rotations`
+    # turn, where these have a standing rest pose that lies in the file as the format
+    # says, not along its up axis; None elsewhere
+    body_axes: np.ndarray | None = None
+    # whether the body's lengths are not the person's, and so the file's height 0 not
+    # its floor
+    floor_unknown: bool = False
+    # whether the points are relative to the pelvis; then the feet take them along
+    without_travel: bool = False
+    # (T, 3) what is up in the pelvis; the neck from it by default
+    pelvis_up: np.ndarray | None = None
     hands: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  #
     # hand to the vectors (T, 3) to its fingertips and to its thumb's side
     unit: str = ""  # what the file states, a key of `options.UNITS`, or ""
-    unit_fact: Fact | None = None  # where the unit comes from, if the positions are in
-    # metres already
+    # where the unit comes from, if the positions are in metres already
+    unit_fact: Fact | None = None
     up: str = ""  # axis that the file states, or ""
     doubts: tuple[str, ...] = ()  # as in `Performer`, and the next
     facts: tuple[Fact, ...] = ()

@@ -10,23 +10,14 @@ if TYPE_CHECKING:
 
 
 class Diagnostic(NamedTuple):
-    """One part of the controller's port `diagnostics`.
+    """One part of the controller's port `diagnostics`."""
 
-    Attributes:
-        name: of the part.
-        size: of it, for a model.
-        meaning: for people, with units.
-        field: of `Solution`, or of a mode's diagnostics; by default the name.
-        logged: whether `SimulationLog` keeps it.
-        connected: whether it has a port of its own, too.
-    """
-
-    name: str
-    size: Callable[[ControlModel], int]
-    meaning: str
-    field: str = ""
-    logged: bool = True
-    connected: bool = False
+    name: str  # of the part
+    size: Callable[[ControlModel], int]  # of it, for a model
+    meaning: str  # for people, with units
+    field: str = ""  # of `Solution`, or of a mode's diagnostics; by default the name
+    logged: bool = True  # whether `SimulationLog` keeps it
+    connected: bool = False  # whether it has a port of its own, too
 
     @property
     def key(self) -> str:

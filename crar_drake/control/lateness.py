@@ -30,20 +30,14 @@ _CLEARLY, _NOTICED = 0.25, 0.01
 
 
 class Lateness(NamedTuple):
-    """What is known of the lag after a control step.
+    """What is known of the lag after a control step."""
 
-    Attributes:
-        v: (nv,) as measured there [rad/s].
-        missed: (K + 1,) mean square of what was missing, for each lag; last of all that
-            changed, as if nothing had been commanded [(rad/s)^2].
-        steps: how many were averaged.
-        periods: n, the lag that is believed, beyond what the law is told.
-    """
-
-    v: np.ndarray
+    v: np.ndarray  # (nv,) as measured there [rad/s]
+    # (K + 1,) mean square of what was missing, for each lag; last of all that changed,
+    # as if nothing had been commanded [(rad/s)^2]
     missed: np.ndarray
-    steps: int = 0
-    periods: int = 0
+    steps: int = 0  # how many were averaged
+    periods: int = 0  # n, the lag that is believed, beyond what the law is told
 
 
 def watch_lateness(

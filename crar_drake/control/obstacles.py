@@ -142,18 +142,12 @@ class Obstacles:
 
 @dataclass(frozen=True)
 class Seen:
-    """What was measured last, and how it moves: a guess, of which nothing is proved.
+    """What was measured last, and how it moves: a guess, of which nothing is proved."""
 
-    Attributes:
-        spheres: as they were measured.
-        motion: (2, N, 3) velocities of the centres and the ends; NaN while not known
-            [m/s].
-        age: (N,) how long ago each was measured [s].
-    """
-
-    spheres: Obstacles
+    spheres: Obstacles  # as they were measured
+    # (2, N, 3) velocities of the centres and the ends; NaN while not known [m/s]
     motion: np.ndarray
-    age: np.ndarray
+    age: np.ndarray  # (N,) how long ago each was measured [s]
 
     def later(self, period: float) -> Seen:
         """A period [s] on."""
@@ -162,20 +156,14 @@ class Seen:
 
 @dataclass(frozen=True)
 class Regions:
-    """Where obstacles are taken to be at a step, R_k of the theorem.
+    """Where obstacles are taken to be at a step, R_k of the theorem."""
 
-    Attributes:
-        spheres: of which each obstacle is in one.
-        clear: (N,) bool, whether the state is known to be clear of each.
-        too_fast: of the named ones that were measured where they could not be, had
-            they kept the bound of their speed.
-        seen: what is evaded; None where nothing is.
-    """
-
-    spheres: Obstacles
-    clear: np.ndarray
+    spheres: Obstacles  # of which each obstacle is in one
+    clear: np.ndarray  # (N,) bool, whether the state is known to be clear of each
+    # of the named ones that were measured where they could not be, had they kept the
+    # bound of their speed
     too_fast: tuple[str, ...] = ()
-    seen: Seen | None = None
+    seen: Seen | None = None  # what is evaded; None where nothing is
 
     def later(self, period: float, clear: np.ndarray | None = None) -> Regions:
         """A period [s] on, where nothing is measured, with what is then clear."""
@@ -187,16 +175,11 @@ class Regions:
 
 @dataclass(frozen=True)
 class Among:
-    """What is left of a command among obstacles.
+    """What is left of a command among obstacles."""
 
-    Attributes:
-        found: (6,) of `filter_among`, at AMONG_HOW, ...
-        v: (n,) the velocity.
-        clear: (N,) bool, whether the next state is clear of each, as it then may be.
-    """
-
-    found: np.ndarray
-    v: np.ndarray
+    found: np.ndarray  # (6,) of `filter_among`, at AMONG_HOW, ...
+    v: np.ndarray  # (n,) the velocity
+    # (N,) bool, whether the next state is clear of each, as it then may be
     clear: np.ndarray = field(repr=False)
 
 

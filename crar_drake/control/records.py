@@ -96,40 +96,34 @@ class Solution:
 
 @dataclass(slots=True)
 class Memory:
-    """What one control step leaves to the next; never changed in place.
+    """What one control step leaves to the next; never changed in place."""
 
-    Attributes:
-        tick: number of the control step; -1 before the first.
-        torque_tick: which torque tick of the control period the solution's torque is
-            of; 0 is the control step itself.
-        solution: its results, whose accelerations are held; None before the first.
-        q, v: (nq,), (nv,) what was measured, with velocities that were believed; where
-            the robot brakes without targets, those that it should have a period on.
-            None before the first step.
-        continues: whether the next step may build on this one's accelerations: not
-            where the robot braked without targets, nor where a run began between two
-            control ticks.
-        start_time: when blending began [s], None if it has yet to.
-        start: what was measured then; None if it has yet to begin.
-        governed: (layout.size,) the targets as they were governed; None without a
-            governor, and where the targets were lost.
-        regions: the `control.obstacles.Regions` of the next step; None without any.
-        sent: accelerations (nv,) that were commanded, the newest first; as many as
-            `CrarParameters.latency` and `lateness` need.
-        lateness: how late states are; None where nobody looks for it.
-    """
-
-    tick: int = -1
+    tick: int = -1  # number of the control step; -1 before the first
+    # which torque tick of the control period the solution's torque is of; 0 is the
+    # control step itself
     torque_tick: int = 0
+    # its results, whose accelerations are held; None before the first
     solution: Solution | None = None
+    # (nq,), (nv,) what was measured, with velocities that were believed; where the
+    # robot brakes without targets, those that it should have a period on. None before
+    # the first step.
     q: np.ndarray | None = None
-    v: np.ndarray | None = None
+    v: np.ndarray | None = None  # likewise
+    # whether the next step may build on this one's accelerations: not where the robot
+    # braked without targets, nor where a run began between two control ticks
     continues: bool = False
-    start_time: float | None = None
+    start_time: float | None = None  # when blending began [s], None if it has yet to
+    # what was measured then; None if it has yet to begin
     start: BlendStart | None = None
+    # (layout.size,) the targets as they were governed; None without a governor, and
+    # where the targets were lost
     governed: np.ndarray | None = None
+    # the `control.obstacles.Regions` of the next step; None without any
     regions: Any = None
+    # accelerations (nv,) that were commanded, the newest first; as many as
+    # `CrarParameters.latency` and `lateness` need
     sent: tuple[np.ndarray, ...] = ()
+    # how late states are; None where nobody looks for it
     lateness: Lateness | None = None
 
     def at_torque_tick(self, torque_tick: int, solution: Solution) -> Memory:

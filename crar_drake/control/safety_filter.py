@@ -184,26 +184,18 @@ class FilterCommand:
 
 @dataclass(frozen=True, slots=True)
 class FilterMemory:
-    """What one step leaves to the next; never changed in place.
+    """What one step leaves to the next; never changed in place."""
 
-    Attributes:
-        q, v: (n,), (n,) the command.
-        wish: (n,) the position that was wanted, None if none was.
-        following: whether the command was the wanted one.
-        pushed: whether a pair of links held it back.
-        known: whether its braking path is known to be clear.
-        regions: where obstacles are at the next step at most; None without any.
-        command: all of it; None before the first step.
-    """
-
-    q: np.ndarray
-    v: np.ndarray
+    q: np.ndarray  # (n,), (n,) the command
+    v: np.ndarray  # likewise
+    # (n,) the position that was wanted, None if none was
     wish: np.ndarray | None = None
-    following: bool = False
-    pushed: bool = False
-    known: bool = False
+    following: bool = False  # whether the command was the wanted one
+    pushed: bool = False  # whether a pair of links held it back
+    known: bool = False  # whether its braking path is known to be clear
+    # where obstacles are at the next step at most; None without any
     regions: Regions | None = None
-    command: FilterCommand | None = None
+    command: FilterCommand | None = None  # all of it; None before the first step
 
     def __deepcopy__(self, memo: dict) -> FilterMemory:
         return self  # Drake copies states often; nothing here is ever changed.

@@ -63,63 +63,49 @@ _LIMP = 20.0  # joints of such a robot come to rest at that rate [1/s]
 
 @dataclass(frozen=True)
 class StandingGains:
-    """Gains of the standing law.
+    """Gains of the standing law."""
 
-    Attributes:
-        capture: decay k of the capture point's error [1/s].
-        turn, turn_rate: PD of the root's orientation [1/s^2, 1/s].
-        height, height_rate: PD of the root's height [1/s^2, 1/s].
-        joint, joint_rate: PD of the joints that follow the command; stiff, for they
-            have its `tracking_error` to spare before a limit [1/s^2, 1/s].
-        sole, sole_rate: PD of the soles' places [1/s^2, 1/s].
-        sole_turn, sole_turn_rate: PD of their orientations; stiff, for feet are light,
-            and one that carries little tips over by itself [1/s^2, 1/s].
-        weigh_turn, weigh_height: what the root's angular and vertical acceleration
-            weigh against the horizontal one of the centre of mass, where the ground
-            cannot give all [per rad/s^2, per m/s^2].
-        least_force: that each corner of the soles is pressed down with, so that feet
-            that carry nothing stay on the floor [shares of the weight].
-        friction_share: of the friction, that is used.
-        sole_margin: that forces keep from the soles' edges, over which feet would tip
-            [m]. Much less than balance keeps of the command's (`BalanceParameters`):
-            the difference is what brings the robot back.
-    """
-
-    capture: float = 6.0
-    turn: float = 150.0
-    turn_rate: float = 25.0
-    height: float = 150.0
-    height_rate: float = 25.0
+    capture: float = 6.0  # decay k of the capture point's error [1/s]
+    turn: float = 150.0  # PD of the root's orientation [1/s^2, 1/s]
+    turn_rate: float = 25.0  # likewise
+    height: float = 150.0  # PD of the root's height [1/s^2, 1/s]
+    height_rate: float = 25.0  # likewise
+    # PD of the joints that follow the command; stiff, for they have its
+    # `tracking_error` to spare before a limit [1/s^2, 1/s]
     joint: float = 4000.0
-    joint_rate: float = 120.0
-    sole: float = 400.0
-    sole_rate: float = 40.0
+    joint_rate: float = 120.0  # likewise
+    sole: float = 400.0  # PD of the soles' places [1/s^2, 1/s]
+    sole_rate: float = 40.0  # likewise
+    # PD of their orientations; stiff, for feet are light, and one that carries little
+    # tips over by itself [1/s^2, 1/s]
     sole_turn: float = 2500.0
-    sole_turn_rate: float = 100.0
+    sole_turn_rate: float = 100.0  # likewise
+    # what the root's angular and vertical acceleration weigh against the horizontal one
+    # of the centre of mass, where the ground cannot give all [per rad/s^2, per m/s^2]
     weigh_turn: float = 0.1
-    weigh_height: float = 2.0
+    weigh_height: float = 2.0  # likewise
+    # that each corner of the soles is pressed down with, so that feet that carry
+    # nothing stay on the floor [shares of the weight]
     least_force: float = 0.005
-    friction_share: float = 0.8
+    friction_share: float = 0.8  # of the friction, that is used
+    # that forces keep from the soles' edges, over which feet would tip [m]. Much less
+    # than balance keeps of the command's (`BalanceParameters`): the difference is what
+    # brings the robot back.
     sole_margin: float = 0.005
 
 
 @dataclass(frozen=True, eq=False)
 class StandingStep:
-    """What the standing law answers.
+    """What the standing law answers."""
 
-    Attributes:
-        efforts: (nu,) in the plant's actuator order, within the limits [Nm or N].
-        acceleration: (nv,) that these and the forces make.
-        forces: (C, 3) of the ground at the corners of the soles, in the world [N].
-        clipped: what the limits took off an effort, at most [Nm or N].
-        fell: whether the robot lies, or no forces are found for it; then its joints are
-            just braked.
-    """
-
+    # (nu,) in the plant's actuator order, within the limits [Nm or N]
     efforts: np.ndarray
-    acceleration: np.ndarray
+    acceleration: np.ndarray  # (nv,) that these and the forces make
+    # (C, 3) of the ground at the corners of the soles, in the world [N]
     forces: np.ndarray
-    clipped: float = 0.0
+    clipped: float = 0.0  # what the limits took off an effort, at most [Nm or N]
+    # whether the robot lies, or no forces are found for it; then its joints are just
+    # braked
     fell: bool = False
 
 

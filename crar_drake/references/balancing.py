@@ -46,34 +46,23 @@ _KEPT = 0.3  # share of the margin within which a frame is left alone
 
 @dataclass(frozen=True)
 class BalancingParameters:
-    """What changing the least means.
+    """What changing the least means."""
 
-    Attributes:
-        joint_weight: w of each joint [m/rad].
-        root_weight, root_turn_weight: of the root's place [1], and of its turn [m/rad].
-        foot_weight, foot_turn_weight: of the feet's places [1], and of their turns
-            [m/rad].
-        standing_weight: of the steps of what stands, from a frame to the next [1].
-        hand_weight, carrying_weight: of the hands' places [1], and of hands that carry.
-        smoothing: tau; changes that come and go within this time cost more [s].
-        balance_weight: square root of the last penalty of how far the centre of
-            pressure is outside [1],
-        most: and the largest multiplier of that [m].
-        margin: by which supports are shrunk [m].
-    """
-
-    joint_weight: float = 1.0  # [m/rad]
-    root_weight: float = 1.0
+    joint_weight: float = 1.0  # w of each joint [m/rad]
+    root_weight: float = 1.0  # of the root's place [1], and of its turn [m/rad]
     root_turn_weight: float = 1.0  # [m/rad]
-    foot_weight: float = 50.0
+    foot_weight: float = 50.0  # of the feet's places [1], and of their turns [m/rad]
     foot_turn_weight: float = 10.0  # [m/rad]
+    # of the steps of what stands, from a frame to the next [1]
     standing_weight: float = 200.0
-    hand_weight: float = 1.0
-    carrying_weight: float = 35.0
-    smoothing: float = 0.08  # [s]
+    hand_weight: float = 1.0  # of the hands' places [1], and of hands that carry
+    carrying_weight: float = 35.0  # likewise
+    # tau; changes that come and go within this time cost more [s]
+    smoothing: float = 0.08
+    # square root of the last penalty of how far the centre of pressure is outside [1],
     balance_weight: float = 60.0
-    most: float = 1e3  # [m]
-    margin: float = 0.015  # [m]
+    most: float = 1e3  # and the largest multiplier of that [m]
+    margin: float = 0.015  # by which supports are shrunk [m]
 
 
 class Balancer:

@@ -19,40 +19,28 @@ _MOVES, _STILL = 0.5, 0.02
 
 @dataclass(frozen=True)
 class Change:
-    """What became of a motion.
+    """What became of a motion."""
 
-    Attributes:
-        joints_rms, joints_worst: of the joints [rad].
-        feet_rms, feet_worst, hands_rms, hands_worst: of the positions of the feet's and
-            the hands' links in the world [m]; NaN without.
-        root_rms, root_worst: of the root's [m].
-        jerk_before, jerk: root mean square of the joints' [rad/s^3].
-    """
-
-    joints_rms: float
-    joints_worst: float
+    joints_rms: float  # of the joints [rad]
+    joints_worst: float  # likewise
+    # of the positions of the feet's and the hands' links in the world [m]; NaN without
     feet_rms: float
-    feet_worst: float
-    hands_rms: float
-    hands_worst: float
-    root_rms: float
-    root_worst: float
-    jerk_before: float
-    jerk: float
+    feet_worst: float  # likewise
+    hands_rms: float  # likewise
+    hands_worst: float  # likewise
+    root_rms: float  # of the root's [m]
+    root_worst: float  # likewise
+    jerk_before: float  # root mean square of the joints' [rad/s^3]
+    jerk: float  # likewise
 
 
 @dataclass(frozen=True)
 class AtMost:
-    """How far a motion may change.
+    """How far a motion may change."""
 
-    Attributes:
-        joints: any joint at any frame [rad].
-        feet, hands: any foot's or hand's link [m].
-    """
-
-    joints: float = np.inf
-    feet: float = np.inf
-    hands: float = np.inf
+    joints: float = np.inf  # any joint at any frame [rad]
+    feet: float = np.inf  # any foot's or hand's link [m]
+    hands: float = np.inf  # likewise
 
     def check(self, robot: WholeBody) -> None:
         """Raises ModelError if the robot lacks what is asked about."""

@@ -58,86 +58,67 @@ _CHANGED = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class CleanedClip(Change):
-    """What cleaning made of one motion, with how far it changed.
+    """What cleaning made of one motion, with how far it changed."""
 
-    Attributes:
-        clip: its name; "" in files with one motion.
-        frames: T.
-        rate: [Hz].
-        penetrating_before, penetrating: frames with watched capsules in penetration.
-        beyond_limit_before, beyond_limit: frames with a joint beyond its limit.
-        too_fast_before, too_fast: frames from which a joint goes on beyond its speed
-            limit.
-        nearest_before, nearest: the smallest distance of watched capsules [m].
-        between: no distance on the straight ways between frames is smaller [m].
-        changed: frames with a joint that is not where the reference has it.
-        near: frames that keep less than the floor, at them or on the way to the next;
-            those that penetrate among them.
-        frozen: frames that stand still on the way to the next while the reference
-            moves.
-        meshes_penetrating: frames in which meshes penetrate, those of links that nobody
-            watches among them; -1 where there are none to be looked at.
-        meshes_unclear: ways to the next frame on which meshes touch, or are not shown
-            to be clear; -1 as well.
-        seconds: of a processor that cleaning took, asking and parting meshes with it,
-            without reading, writing and measuring [s].
-        raised: by how much it was set on the ground; 0 if that was not asked for [m].
-        slowed: by how much longer it takes; 0 if that was not asked for [s].
-        too_strong_before, too_strong: frames in which a joint that carries no foot
-            needs more than its effort limit (`joint_torques`); -1 if that was not asked
-            for.
-        stands: frames that stand, in which balance was looked at; -1 if that was not
-            asked for (`ground_support`).
-        given_before, given: share of these in which the ground could give what the
-            motion takes; NaN without any.
-        outside_before, outside: how far outside the support the centre of pressure is
-            in them, in the worst of 95 % [m]; negative inside.
-        lifts: of feet while another one, or a hand, stays planted; -1 as well.
-        lifts_outside: those of them that are not balanced on what stays, a violation,
-        lifts_before: and of the lifts of the motion before.
-        lifted_outside: which they are, and by how much, in words; "" if none is.
-        outside_in: frames in which the centre of pressure is outside, and by how
-            much, in words; "" without any.
-        deepest: frame and pair of the deepest penetration, in words; "" without one.
-        exceeded: what changed by more than was allowed, in words; "" if nothing did.
-        guessed: what the file did not say and was guessed, in words; of a motion that
-            was retargeted how the person's file was read, and what looks bad in it.
-    """
-
-    clip: str
-    frames: int
-    rate: float
-    penetrating_before: int
-    penetrating: int
-    beyond_limit_before: int
-    beyond_limit: int
-    too_fast_before: int
-    too_fast: int
-    nearest_before: float
-    nearest: float
-    between: float
-    changed: int
+    clip: str  # its name; "" in files with one motion
+    frames: int  # T
+    rate: float  # [Hz]
+    penetrating_before: int  # frames with watched capsules in penetration
+    penetrating: int  # likewise
+    beyond_limit_before: int  # frames with a joint beyond its limit
+    beyond_limit: int  # likewise
+    too_fast_before: int  # frames from which a joint goes on beyond its speed limit
+    too_fast: int  # likewise
+    nearest_before: float  # the smallest distance of watched capsules [m]
+    nearest: float  # likewise
+    between: float  # no distance on the straight ways between frames is smaller [m]
+    changed: int  # frames with a joint that is not where the reference has it
+    # frames that keep less than the floor, at them or on the way to the next; those
+    # that penetrate among them
     near: int
+    # frames that stand still on the way to the next while the reference moves
     frozen: int
+    # frames in which meshes penetrate, those of links that nobody watches among them;
+    # -1 where there are none to be looked at
     meshes_penetrating: int
+    # ways to the next frame on which meshes touch, or are not shown to be clear; -1 as
+    # well
     meshes_unclear: int
+    # of a processor that cleaning took, asking and parting meshes with it, without
+    # reading, writing and measuring [s]
     seconds: float = 0.0
+    # by how much it was set on the ground; 0 if that was not asked for [m]
     raised: float = 0.0
-    slowed: float = 0.0
+    slowed: float = 0.0  # by how much longer it takes; 0 if that was not asked for [s]
+    # frames in which a joint that carries no foot needs more than its effort limit
+    # (`joint_torques`); -1 if that was not asked for
     too_strong_before: int = -1
-    too_strong: int = -1
+    too_strong: int = -1  # likewise
+    # frames that stand, in which balance was looked at; -1 if that was not asked for
+    # (`ground_support`)
     stands: int = -1
+    # share of these in which the ground could give what the motion takes; NaN without
+    # any
     given_before: float = np.nan
-    given: float = np.nan
+    given: float = np.nan  # likewise
+    # how far outside the support the centre of pressure is in them, in the worst of 95
+    # % [m]; negative inside
     outside_before: float = np.nan
-    outside: float = np.nan
-    lifts: int = -1
-    lifts_before: int = -1
+    outside: float = np.nan  # likewise
+    lifts: int = -1  # of feet while another one, or a hand, stays planted; -1 as well
+    lifts_before: int = -1  # and of the lifts of the motion before
+    # those of them that are not balanced on what stays, a violation,
     lifts_outside: int = -1
-    lifted_outside: str = ""
+    lifted_outside: str = ""  # which they are, and by how much, in words; "" if none is
+    # frames in which the centre of pressure is outside, and by how much, in words; ""
+    # without any
     outside_in: str = ""
+    # frame and pair of the deepest penetration, in words; "" without one
     deepest: str = ""
+    # what changed by more than was allowed, in words; "" if nothing did
     exceeded: str = ""
+    # what the file did not say and was guessed, in words; of a motion that was
+    # retargeted how the person's file was read, and what looks bad in it
     guessed: str = ""
 
     @property
@@ -191,25 +172,19 @@ def clean_file(
 
 @dataclass(frozen=True)
 class FileOptions:
-    """How files are read and written.
+    """How files are read and written."""
 
-    Attributes:
-        layout, rate: of files that do not say them (`read_motion`).
-        frames: those that are kept.
-        ground: whether motions are then set on the ground (`set_on_ground`).
-        retime: "speeds": motions are slowed down first where joints are too fast
-            (`retimed`); "torques": and where they need more than they can give.
-        balance: whether root and joints are changed so that the ground could give what
-            motions take (`balancing`).
-        at_most: how far they may change; one that changed by more is written as well.
-    """
-
-    layout: str | None = None
-    rate: float | None = None
-    frames: Frames = (1, None)
-    ground: bool = False
+    layout: str | None = None  # of files that do not say them (`read_motion`)
+    rate: float | None = None  # likewise
+    frames: Frames = (1, None)  # those that are kept
+    ground: bool = False  # whether motions are then set on the ground (`set_on_ground`)
+    # "speeds": motions are slowed down first where joints are too fast (`retimed`);
+    # "torques": and where they need more than they can give
     retime: str = ""
+    # whether root and joints are changed so that the ground could give what motions
+    # take (`balancing`)
     balance: bool = False
+    # how far they may change; one that changed by more is written as well
     at_most: AtMost = ANY_CHANGE
 
     def certified(self) -> dict:

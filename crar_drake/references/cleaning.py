@@ -45,37 +45,26 @@ from crar_drake.trajectory.optimiser import (
 
 @dataclass(frozen=True)
 class CleaningParameters:
-    """What changing the least means, and what is kept.
+    """What changing the least means, and what is kept."""
 
-    Attributes:
-        joint_weight: w of each joint [m/rad].
-        foot_weight, foot_turn_weight: of the feet's positions [1], and of their
-            orientations [m/rad].
-        foot_height_weight: of their heights [1]: feet that meet part sideways, and not
-            into the floor.
-        hand_weight: of the hands' positions [1].
-        carrying_weight, carrying_turn_weight: instead, of hands that carry [1], and of
-            their orientations [m/rad].
-        hands: whether hands are taken to carry throughout, as those that hold an object
-            do; else while they are planted on the ground.
-        smoothing: tau; changes that come and go within this time cost more [s].
-        floor: distance that watched pairs keep at each frame [m].
-        floor_between: and on each straight way to the next frame [m].
-        velocity_scale: share of the robot's velocity limits that may be used.
-    """
-
-    joint_weight: float = 1.0  # [m/rad]
+    joint_weight: float = 1.0  # w of each joint [m/rad]
+    # of the feet's positions [1], and of their orientations [m/rad]
     foot_weight: float = 25.0
     foot_turn_weight: float = 4.0  # [m/rad]
+    # of their heights [1]: feet that meet part sideways, and not into the floor
     foot_height_weight: float = 100.0
-    hand_weight: float = 2.0
+    hand_weight: float = 2.0  # of the hands' positions [1]
+    # instead, of hands that carry [1], and of their orientations [m/rad]
     carrying_weight: float = 35.0
     carrying_turn_weight: float = 0.3  # [m/rad]
+    # whether hands are taken to carry throughout, as those that hold an object do; else
+    # while they are planted on the ground
     hands: bool = False
-    smoothing: float = 0.03  # [s]
-    floor: float = 4e-3  # [m]
-    floor_between: float = 0.5e-3  # [m]
-    velocity_scale: float = 1.0
+    # tau; changes that come and go within this time cost more [s]
+    smoothing: float = 0.03
+    floor: float = 4e-3  # distance that watched pairs keep at each frame [m]
+    floor_between: float = 0.5e-3  # and on each straight way to the next frame [m]
+    velocity_scale: float = 1.0  # share of the robot's velocity limits that may be used
 
     def validate(self) -> None:
         """Raises ScenarioError, naming the field and what it may be."""
@@ -89,18 +78,12 @@ class CleaningParameters:
 
 @dataclass(frozen=True)
 class Cleaned:
-    """A reference's joints, cleaned; T frames of n joints.
+    """A reference's joints, cleaned; T frames of n joints."""
 
-    Attributes:
-        q: (T, n) positions of the controlled joints [rad or m].
-        violating: (T,) frames that still violate something, at them or on the way to
-            the next.
-        effort: that it took.
-    """
-
-    q: np.ndarray
+    q: np.ndarray  # (T, n) positions of the controlled joints [rad or m]
+    # (T,) frames that still violate something, at them or on the way to the next
     violating: np.ndarray
-    effort: Effort
+    effort: Effort  # that it took
 
 
 class Cleaner:

@@ -55,35 +55,23 @@ document.querySelectorAll("th").forEach((head, i) => head.onclick = () => {
 
 @dataclass(frozen=True)
 class Figure:
-    """A column of numbers.
+    """A column of numbers."""
 
-    Attributes:
-        heading: with the unit.
-        value: from a row of the table to the number; it may be NaN.
-        digits: behind the point.
-        bad: whether every number but 0 is something bad.
-    """
-
-    heading: str
+    heading: str  # with the unit
+    # from a row of the table to the number; it may be NaN
     value: Callable[[Any], float]
-    digits: int = 0
-    bad: bool = False
+    digits: int = 0  # behind the point
+    bad: bool = False  # whether every number but 0 is something bad
 
 
 @dataclass(frozen=True)
 class PageRow:
-    """A motion, or a file that failed.
+    """A motion, or a file that failed."""
 
-    Attributes:
-        source, written: files.
-        clip: what the table has of it; None of a file that failed.
-        note: why it failed, or what is to be known besides.
-    """
-
-    source: Path
-    written: Path
-    clip: Any
-    note: str
+    source: Path  # files
+    written: Path  # likewise
+    clip: Any  # what the table has of it; None of a file that failed
+    note: str  # why it failed, or what is to be known besides
 
     @property
     def state(self) -> str:

@@ -46,46 +46,31 @@ _CONVERSIONS = {"int": int, "float": float, "str": str}
 
 @dataclass(frozen=True)
 class FileResult:
-    """What became of one file.
+    """What became of one file."""
 
-    Attributes:
-        source: the file.
-        clips: of its motions, rows of the table; none if it failed.
-        error: why it failed; "".
-    """
-
-    source: Path
-    clips: tuple[Any, ...] = ()
-    error: str = ""
+    source: Path  # the file
+    clips: tuple[Any, ...] = ()  # of its motions, rows of the table; none if it failed
+    error: str = ""  # why it failed; ""
 
 
 @dataclass(frozen=True)
 class FolderWork:
-    """What is to be done with the files of a folder.
+    """What is to be done with the files of a folder."""
 
-    Attributes:
-        table: name of the table, a CSV.
-        row: of it: a dataclass whose fields are numbers and texts, `clip` among them.
-        places: each file to that which is to be written of it.
-        begin: makes what a process does with each file: from the file and its place to
-            its rows. It is sent to other processes.
-        figures: of a row, for the page; the first one says which motion is the worst.
-        note: what else the page says of a row.
-        robot: name or folder of the robot.
-        parameters: what certificates have of them, if nothing is to be done again,
-        options: and of a file's options.
-        again: what a row becomes that was kept of a file that is not done again.
-    """
-
-    table: str
+    table: str  # name of the table, a CSV
+    # of it: a dataclass whose fields are numbers and texts, `clip` among them
     row: type
-    places: Mapping[Path, Path]
+    places: Mapping[Path, Path]  # each file to that which is to be written of it
+    # makes what a process does with each file: from the file and its place to its rows.
+    # It is sent to other processes.
     begin: Callable[[], Callable[[Path, Path], Sequence[Any]]]
+    # of a row, for the page; the first one says which motion is the worst
     figures: Sequence[Figure]
-    note: Callable[[Any], str]
-    robot: str
-    parameters: dict
-    options: Callable[[Path], dict]
+    note: Callable[[Any], str]  # what else the page says of a row
+    robot: str  # name or folder of the robot
+    parameters: dict  # what certificates have of them, if nothing is to be done again,
+    options: Callable[[Path], dict]  # and of a file's options
+    # what a row becomes that was kept of a file that is not done again
     again: Callable[[Any], Any] = lambda row: row
 
 

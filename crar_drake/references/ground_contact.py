@@ -44,44 +44,27 @@ _BEFORE_CARRYING = 0.1
 
 @dataclass(frozen=True, eq=False)
 class FootSlip:
-    """What a foot does on the floor.
+    """What a foot does on the floor."""
 
-    Attributes:
-        foot: name of the motion's point, such as left_foot.
-        planted: (T,) whether it is.
-        num_contacts: stretches in which it is planted.
-        total: way that it slips while planted, in all of them [m].
-        ways: (num_contacts,) of each contact [m].
-        worst: the longest of one contact [m].
-        worst_start, worst_end: first and last frame of that contact; None without any.
-        top_speed: of slipping, from one frame to the next [m/s].
-    """
-
-    foot: str
-    planted: np.ndarray
-    num_contacts: int
-    total: float
-    ways: np.ndarray
-    worst: float
-    worst_start: int | None
-    worst_end: int | None
-    top_speed: float
+    foot: str  # name of the motion's point, such as left_foot
+    planted: np.ndarray  # (T,) whether it is
+    num_contacts: int  # stretches in which it is planted
+    total: float  # way that it slips while planted, in all of them [m]
+    ways: np.ndarray  # (num_contacts,) of each contact [m]
+    worst: float  # the longest of one contact [m]
+    worst_start: int | None  # first and last frame of that contact; None without any
+    worst_end: int | None  # likewise
+    top_speed: float  # of slipping, from one frame to the next [m/s]
 
 
 @dataclass(frozen=True, eq=False)
 class GroundContact:
-    """A motion against the ground.
+    """A motion against the ground."""
 
-    Attributes:
-        lowest: (T,) height of the robot's lowest point [m].
-        lowest_links: (T) the link it is on.
-        floor: height of the feet when they are lowest [m]; 0 without feet.
-        feet: an entry a foot; empty where the robot has no frames of that name.
-    """
-
-    lowest: np.ndarray
-    lowest_links: tuple[str, ...]
-    floor: float
+    lowest: np.ndarray  # (T,) height of the robot's lowest point [m]
+    lowest_links: tuple[str, ...]  # (T) the link it is on
+    floor: float  # height of the feet when they are lowest [m]; 0 without feet
+    # an entry a foot; empty where the robot has no frames of that name
     feet: tuple[FootSlip, ...]
 
 

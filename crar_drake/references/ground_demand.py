@@ -34,17 +34,11 @@ _GAUSS = tuple((0.5 + x * 0.15**0.5, w / 18.0) for x, w in ((-1, 5), (0, 8), (1,
 
 @dataclass(frozen=True, eq=False)
 class GroundWrench:
-    """What acts on the robot from outside besides gravity, in the world.
+    """What acts on the robot from outside besides gravity, in the world."""
 
-    Attributes:
-        force: (T, 3) [N].
-        moment: (T, 3) about the world's origin [Nm].
-        weight: of the robot [N].
-    """
-
-    force: np.ndarray
-    moment: np.ndarray
-    weight: float
+    force: np.ndarray  # (T, 3) [N]
+    moment: np.ndarray  # (T, 3) about the world's origin [Nm]
+    weight: float  # of the robot [N]
 
     def centres(self, floor: float | np.ndarray = 0.0) -> np.ndarray:
         """(T, 2) centres of pressure on the floor [m], which may be at another height

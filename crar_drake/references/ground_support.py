@@ -30,36 +30,26 @@ _MOST = 0.95  # share of the frames whose worst is told
 
 @dataclass(frozen=True)
 class Lift:
-    """A foot that is lifted while another one, or a hand, stays planted.
+    """A foot that is lifted while another one, or a hand, stays planted."""
 
-    Attributes:
-        foot: its name.
-        frame: the last one in which it is planted.
-        outside: how far the centre of pressure is outside the support of what stays,
-            from this frame until a foot or hand is set down, or lifted [m]; negative
-            inside: the motion is *balanced on the other*.
-    """
-
-    foot: str
-    frame: int
+    foot: str  # its name
+    frame: int  # the last one in which it is planted
+    # how far the centre of pressure is outside the support of what stays, from this
+    # frame until a foot or hand is set down, or lifted [m]; negative inside: the motion
+    # is *balanced on the other*
     outside: float
 
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """What a motion of T frames stands on.
+    """What a motion of T frames stands on."""
 
-    Attributes:
-        floor: (T,) height of the lowest that is planted; motions float by centimetres
-            [m].
-        soles: foot or hand to (T, V, 3) points of its surface [m], their heights over
-            its own lowest one.
-        planted: foot or hand to (T,) whether it is planted.
-    """
-
+    # (T,) height of the lowest that is planted; motions float by centimetres [m]
     floor: np.ndarray
+    # foot or hand to (T, V, 3) points of its surface [m], their heights over its own
+    # lowest one
     soles: dict[str, np.ndarray]
-    planted: dict[str, np.ndarray]
+    planted: dict[str, np.ndarray]  # foot or hand to (T,) whether it is planted
 
     @property
     def stands(self) -> np.ndarray:

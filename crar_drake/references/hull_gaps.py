@@ -27,19 +27,15 @@ _MOST = 100  # steps, each with a simplex that is nearer
 
 
 class HullCorners(NamedTuple):
-    """Hulls, each in its frame.
+    """Hulls, each in its frame."""
 
-    Attributes:
-        points: (V, 3) corners of all [m].
-        first: (H + 1,) the first of each, and how many there are; of what has no volume
-            there are none.
-        beside: (E,) corners at the other ends of edges, as indices of `points`.
-        edges: (V + 1,) where those of each corner begin, and how many there are.
-    """
-
-    points: np.ndarray
+    points: np.ndarray  # (V, 3) corners of all [m]
+    # (H + 1,) the first of each, and how many there are; of what has no volume there
+    # are none
     first: np.ndarray
+    # (E,) corners at the other ends of edges, as indices of `points`
     beside: np.ndarray
+    # (V + 1,) where those of each corner begin, and how many there are
     edges: np.ndarray
 
 

@@ -19,38 +19,25 @@ from crar_drake.robot.description import load_robot_description
 
 @dataclass(frozen=True)
 class JudgedFile:
-    """A file and what is said of it.
+    """A file and what is said of it."""
 
-    Attributes:
-        path: of the file.
-        verdicts: one for each motion in it; empty if it cannot be used.
-        error: why not, or "".
-    """
-
-    path: str
+    path: str  # of the file
+    # one for each motion in it; empty if it cannot be used
     verdicts: tuple[ReferenceVerdict, ...]
-    error: str = ""
+    error: str = ""  # why not, or ""
 
 
 @dataclass(frozen=True)
 class JudgeOptions:
-    """How motions are read and judged.
+    """How motions are read and judged."""
 
-    Attributes:
-        robot: name or folder.
-        layout: of the files; None: each as it looks like.
-        rate: frames per second of files; None: as they say [Hz].
-        meshes: whether meshes are asked.
-        every: time between the frames in which they are; None: all frames [s].
-        tolerances: what is no violation.
-    """
-
-    robot: str
-    layout: str | None = None
-    rate: float | None = None
-    meshes: bool = True
+    robot: str  # name or folder
+    layout: str | None = None  # of the files; None: each as it looks like
+    rate: float | None = None  # frames per second of files; None: as they say [Hz]
+    meshes: bool = True  # whether meshes are asked
+    # time between the frames in which they are; None: all frames [s]
     every: float | None = None
-    tolerances: Tolerances = Tolerances()
+    tolerances: Tolerances = Tolerances()  # what is no violation
 
 
 def judge_here(files: Sequence[str], options: JudgeOptions) -> list[JudgedFile]:

@@ -17,26 +17,16 @@ from crar_drake.references.robot_motion import RobotMotion
 
 @dataclass(frozen=True)
 class Layout:
-    """A layout.
+    """A layout."""
 
-    Attributes:
-        name: what it is called here.
-        suffix: of its files.
-        used_by: who writes and reads such files.
-        root_columns: before the joints, in the array of the joints; 0 if the root is
-            elsewhere.
-        breadth_first: whether joints are in that order, and not depth first.
-        several: whether a file can hold several motions.
-        written: whether such files are written, and not only read.
-    """
-
-    name: str
-    suffix: str
-    used_by: str
+    name: str  # what it is called here
+    suffix: str  # of its files
+    used_by: str  # who writes and reads such files
+    # before the joints, in the array of the joints; 0 if the root is elsewhere
     root_columns: int = 0
-    breadth_first: bool = False
-    several: bool = False
-    written: bool = True
+    breadth_first: bool = False  # whether joints are in that order, and not depth first
+    several: bool = False  # whether a file can hold several motions
+    written: bool = True  # whether such files are written, and not only read
 
     @property
     def has_rate(self) -> bool:

@@ -83,24 +83,17 @@ _BLOCK = 4096
 
 @dataclass(frozen=True)
 class MeshClearance:
-    """What P pairs of links keep in T frames and on the ways between.
+    """What P pairs of links keep in T frames and on the ways between."""
 
-    Attributes:
-        pairs: (P) their names.
-        at_frames: (P, T) no distance is smaller [m]; 0 where they touch.
-        on_ways: (P, T - 1) no distance on the way to the next frame is smaller [m]; 0
-            where they touch, or are not shown to be clear.
-        touch_at: (P, T) whether they were found to touch, or one inside the other.
-        touch_on: (P, T - 1) the same of ways, their ends among them.
-        num_measured: distances that were measured.
-    """
-
-    pairs: list[tuple[str, str]]
-    at_frames: np.ndarray
+    pairs: list[tuple[str, str]]  # (P) their names
+    at_frames: np.ndarray  # (P, T) no distance is smaller [m]; 0 where they touch
+    # (P, T - 1) no distance on the way to the next frame is smaller [m]; 0 where they
+    # touch, or are not shown to be clear
     on_ways: np.ndarray
+    # (P, T) whether they were found to touch, or one inside the other
     touch_at: np.ndarray
-    touch_on: np.ndarray
-    num_measured: int
+    touch_on: np.ndarray  # (P, T - 1) the same of ways, their ends among them
+    num_measured: int  # distances that were measured
 
     @property
     def not_shown(self) -> np.ndarray:

@@ -127,21 +127,16 @@ class CarriedMesh:
 
 @dataclass(frozen=True)
 class NotOf:
-    """What nothing is said of.
+    """What nothing is said of."""
 
-    Attributes:
-        one_joint: pairs of links with one joint between them; those with none, which
-            are welded, are one body.
-        as_built: pairs that touch in the zero and in the rest posture.
-        beyond_root: pairs with a link that the root does not carry: they depend on
-            where the root is.
-        without_mesh: links that have no shape.
-    """
-
+    # pairs of links with one joint between them; those with none, which are welded, are
+    # one body
     one_joint: list[tuple[str, str]]
+    # pairs that touch in the zero and in the rest posture
     as_built: list[tuple[str, str]]
+    # pairs with a link that the root does not carry: they depend on where the root is
     beyond_root: list[tuple[str, str]]
-    without_mesh: list[str]
+    without_mesh: list[str]  # links that have no shape
 
 
 class MeshPairs:

@@ -41,19 +41,12 @@ _BETWEEN = 3
 
 @dataclass(frozen=True)
 class CertifiedClip:
-    """What is claimed of one motion of a file.
+    """What is claimed of one motion of a file."""
 
-    Attributes:
-        clip: its name; "" in files with one motion.
-        rate: frames per second [Hz].
-        margins: what it keeps.
-        meshes: what the meshes keep; None where none were looked at.
-    """
-
-    clip: str
-    rate: float
-    margins: Margins
-    meshes: MeshClearance | None
+    clip: str  # its name; "" in files with one motion
+    rate: float  # frames per second [Hz]
+    margins: Margins  # what it keeps
+    meshes: MeshClearance | None  # what the meshes keep; None where none were looked at
 
 
 def make_certificate(
@@ -102,34 +95,22 @@ def make_certificate(
 
 @dataclass
 class CertificateCheck:
-    """Whether a certificate holds.
+    """Whether a certificate holds."""
 
-    Attributes:
-        refuted: what does not, a sentence each; empty if all does.
-        frames: that were looked at.
-        points: between frames that were looked at.
-        mesh_frames, mesh_points: the same, by meshes.
-        mesh_pairs: pairs of links that were looked at by their meshes.
-        uncovered: pairs of links that it is not of.
-        why_not: why no meshes were looked at; "" if they were.
-        distance: the smallest that the referee found [m]; infinite without pairs.
-        pair: of which links; None without.
-        limit: the smallest margin to a joint limit [rad or m].
-        speed: the largest share of a speed limit.
-    """
-
+    # what does not, a sentence each; empty if all does
     refuted: list[str] = field(default_factory=list)
-    frames: int = 0
-    points: int = 0
-    mesh_frames: int = 0
-    mesh_points: int = 0
-    mesh_pairs: int = 0
-    uncovered: int = 0
-    why_not: str = ""
+    frames: int = 0  # that were looked at
+    points: int = 0  # between frames that were looked at
+    mesh_frames: int = 0  # the same, by meshes
+    mesh_points: int = 0  # likewise
+    mesh_pairs: int = 0  # pairs of links that were looked at by their meshes
+    uncovered: int = 0  # pairs of links that it is not of
+    why_not: str = ""  # why no meshes were looked at; "" if they were
+    # the smallest that the referee found [m]; infinite without pairs
     distance: float = math.inf
-    pair: tuple[str, str] | None = None
-    limit: float = math.inf
-    speed: float = 0.0
+    pair: tuple[str, str] | None = None  # of which links; None without
+    limit: float = math.inf  # the smallest margin to a joint limit [rad or m]
+    speed: float = 0.0  # the largest share of a speed limit
 
     @property
     def holds(self) -> bool:

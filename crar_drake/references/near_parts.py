@@ -24,17 +24,11 @@ _ROUNDED = 1e-9  # what doubles are off by, and more [m]
 
 
 class Parts(NamedTuple):
-    """Balls about the parts of a surface, and about groups of them.
+    """Balls about the parts of a surface, and about groups of them."""
 
-    Attributes:
-        groups: (G, 4) centres and radii [m].
-        first: (G + 1,) the first part of each, and how many there are.
-        parts: (B, 4).
-    """
-
-    groups: np.ndarray
-    first: np.ndarray
-    parts: np.ndarray
+    groups: np.ndarray  # (G, 4) centres and radii [m]
+    first: np.ndarray  # (G + 1,) the first part of each, and how many there are
+    parts: np.ndarray  # (B, 4)
 
 
 def divided(triangles: np.ndarray) -> Parts:

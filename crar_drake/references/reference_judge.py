@@ -40,31 +40,20 @@ _NEAR = 0.05
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What is still no violation.
+    """What is still no violation."""
 
-    Attributes:
-        below_ground: depth of the lowest point [m].
-        slip: way of a foot in one contact [m]; infinite: slip is reported, but violates
-            nothing.
-    """
-
-    below_ground: float = 0.01
+    below_ground: float = 0.01  # depth of the lowest point [m]
+    # way of a foot in one contact [m]; infinite: slip is reported, but violates nothing
     slip: float = np.inf
 
 
 @dataclass(frozen=True)
 class PairFrames:
-    """Two links that penetrate each other.
+    """Two links that penetrate each other."""
 
-    Attributes:
-        pair: the links.
-        frames: in which they do, from 0.
-        depths: how deep in each [m].
-    """
-
-    pair: tuple[str, str]
-    frames: tuple[int, ...]
-    depths: tuple[float, ...]
+    pair: tuple[str, str]  # the links
+    frames: tuple[int, ...]  # in which they do, from 0
+    depths: tuple[float, ...]  # how deep in each [m]
 
     @property
     def depth(self) -> float:
@@ -79,66 +68,43 @@ class PairFrames:
 
 @dataclass(frozen=True)
 class Beyond:
-    """How far a joint, or its speed, is beyond a limit.
+    """How far a joint, or its speed, is beyond a limit."""
 
-    Attributes:
-        joint: its name.
-        frames: in which it is; of a speed the first one of the step.
-        excess: the largest [rad or rad/s; m or m/s].
-        frame: of the largest.
-    """
-
-    joint: str
-    frames: tuple[int, ...]
-    excess: float
-    frame: int
+    joint: str  # its name
+    frames: tuple[int, ...]  # in which it is; of a speed the first one of the step
+    excess: float  # the largest [rad or rad/s; m or m/s]
+    frame: int  # of the largest
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceVerdict:
-    """What is to be said of a motion with T frames.
+    """What is to be said of a motion with T frames."""
 
-    Attributes:
-        motion: that was judged, without what the file had besides.
-        capsules: pairs of capsules that penetrate, the deepest first; None where they
-            are not judged.
-        why_no_capsules: why they are not, or "".
-        capsule_distances: (T,) the smallest; NaN beyond 5 cm [m].
-        mesh_frames: (K,) the frames in which the meshes were judged.
-        meshes: what they said; None where they were not asked.
-        mesh_pairs: pairs of meshes that penetrate, the deepest first.
-        limits, speeds: joints beyond their limits, the farthest first.
-        limit_excess: (T,) the largest of all joints, negative within [rad or m].
-        speed_ratio: (T - 1,) the largest share of a speed limit; 0 without any.
-        lowest: (T,) height of the lowest point [m].
-        lowest_link: where it is lowest of all.
-        floor: height of the feet when they are lowest [m].
-        feet: what each does on the floor.
-        jumps: in the order of their frames.
-        rms_jerk, peak_jerk: of all joints [rad/s^3].
-        peak_jerk_joint: where it is.
-        violations: what of these is violated, in words.
-    """
-
-    motion: RobotMotion
+    motion: RobotMotion  # that was judged, without what the file had besides
+    # pairs of capsules that penetrate, the deepest first; None where they are not
+    # judged
     capsules: tuple[PairFrames, ...] | None
-    why_no_capsules: str
-    capsule_distances: np.ndarray
-    mesh_frames: np.ndarray
-    meshes: MeshVerdict | None
+    why_no_capsules: str  # why they are not, or ""
+    capsule_distances: np.ndarray  # (T,) the smallest; NaN beyond 5 cm [m]
+    mesh_frames: np.ndarray  # (K,) the frames in which the meshes were judged
+    meshes: MeshVerdict | None  # what they said; None where they were not asked
+    # pairs of meshes that penetrate, the deepest first
     mesh_pairs: tuple[PairFrames, ...]
-    limits: tuple[Beyond, ...]
-    speeds: tuple[Beyond, ...]
+    limits: tuple[Beyond, ...]  # joints beyond their limits, the farthest first
+    speeds: tuple[Beyond, ...]  # likewise
+    # (T,) the largest of all joints, negative within [rad or m]
     limit_excess: np.ndarray
+    # (T - 1,) the largest share of a speed limit; 0 without any
     speed_ratio: np.ndarray
-    lowest: np.ndarray
-    lowest_link: str
-    floor: float
-    feet: tuple[FootSlip, ...]
-    jumps: tuple[Jump, ...]
-    rms_jerk: float
-    peak_jerk: float
-    peak_jerk_joint: str
+    lowest: np.ndarray  # (T,) height of the lowest point [m]
+    lowest_link: str  # where it is lowest of all
+    floor: float  # height of the feet when they are lowest [m]
+    feet: tuple[FootSlip, ...]  # what each does on the floor
+    jumps: tuple[Jump, ...]  # in the order of their frames
+    rms_jerk: float  # of all joints [rad/s^3]
+    peak_jerk: float  # likewise
+    peak_jerk_joint: str  # where it is
+    # what of these is violated, in words
     violations: tuple[str, ...] = field(default=())
 
     @property

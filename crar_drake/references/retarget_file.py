@@ -46,30 +46,25 @@ MOST_BELOW = 0.01
 
 @dataclass(frozen=True)
 class RetargetedClip:
-    """What became of a person's motion.
+    """What became of a person's motion."""
 
-    Attributes:
-        cleaned: what cleaning the retargeted motion changed, and what it keeps.
-        limbs: limb to the angle between its direction and the person's, median and 95 %
-            of the frames [rad].
-        knees: side to how much more a knee bends than the person's, in the median
-            (negative: less), and how far apart they are in 95 % of the frames [rad].
-        slip: the longest way that a foot slips in one contact [m]. It is planted while
-            the performer's heel or ball is on the floor, from the first such frame to
-            the last: in the step in which both leave it is not.
-        leaving: the same as `crar-drake judge` has it, which does not know the contacts
-            and takes a foot for planted until it is 30 mm high, or fast [m].
-        lowest: the lowest point of all links, over the floor [m].
-        seconds: of a processor, from the file to the certified motion [s].
-    """
-
+    # what cleaning the retargeted motion changed, and what it keeps
     cleaned: CleanedClip
+    # limb to the angle between its direction and the person's, median and 95 % of the
+    # frames [rad]
     limbs: dict[str, tuple[float, float]]
+    # side to how much more a knee bends than the person's, in the median (negative:
+    # less), and how far apart they are in 95 % of the frames [rad]
     knees: dict[str, tuple[float, float]]
+    # the longest way that a foot slips in one contact [m]. It is planted while the
+    # performer's heel or ball is on the floor, from the first such frame to the last:
+    # in the step in which both leave it is not.
     slip: float
+    # the same as `crar-drake judge` has it, which does not know the contacts and takes
+    # a foot for planted until it is 30 mm high, or fast [m]
     leaving: float
-    lowest: float
-    seconds: float
+    lowest: float  # the lowest point of all links, over the floor [m]
+    seconds: float  # of a processor, from the file to the certified motion [s]
 
     @property
     def limbs_median(self) -> float:
@@ -95,21 +90,15 @@ class RetargetedClip:
 
 @dataclass(frozen=True)
 class RetargetOptions:
-    """How motions are read, retargeted and written.
+    """How motions are read, retargeted and written."""
 
-    Attributes:
-        options: what is known of a motion beyond its file.
-        layout: to be written; "": the usual one of the file's suffix.
-        rate: frames per second to be written [Hz].
-        parameters: what is wanted.
-        balance: whether motions are balanced then (`balancing`).
-    """
-
+    # what is known of a motion beyond its file
     options: MotionOptions = MotionOptions()
-    layout: str = ""
-    rate: float = RATE
-    parameters: RetargetingParameters = field(default_factory=RetargetingParameters)
-    balance: bool = False
+    layout: str = ""  # to be written; "": the usual one of the file's suffix
+    rate: float = RATE  # frames per second to be written [Hz]
+    parameters: RetargetingParameters = field(default_factory=RetargetingParameters)  #
+    # what is wanted
+    balance: bool = False  # whether motions are balanced then (`balancing`)
 
     def __post_init__(self) -> None:
         check_rate(self.rate)

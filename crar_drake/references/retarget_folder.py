@@ -53,26 +53,18 @@ class RetargetedRow(CleanedClip):
     """What became of a person's motion, in one line; `seconds` are of all.
 
     What it inherits is of the motion before and after cleaning, both the robot's.
-
-    Attributes:
-        limbs_median, limbs_most: of arms and legs, how far the farthest limb is off in
-            direction, in the median and in 95 % of the frames [rad].
-        farthest_most: of all limbs, in 95 % of the frames [rad].
-        farthest: that limb.
-        left_knee, right_knee: how much more it bends than the person's in the median
-            [rad].
-        slip: the longest way that a planted foot slips [m].
-        lowest: the lowest point of all links, over the floor [m].
     """
 
+    # of arms and legs, how far the farthest limb is off in direction, in the median and
+    # in 95 % of the frames [rad]
     limbs_median: float
-    limbs_most: float
-    farthest_most: float
-    left_knee: float
-    right_knee: float
-    slip: float
-    lowest: float
-    farthest: str
+    limbs_most: float  # likewise
+    farthest_most: float  # of all limbs, in 95 % of the frames [rad]
+    left_knee: float  # how much more it bends than the person's in the median [rad]
+    right_knee: float  # likewise
+    slip: float  # the longest way that a planted foot slips [m]
+    lowest: float  # the lowest point of all links, over the floor [m]
+    farthest: str  # that limb
 
     @property
     def below(self) -> bool:

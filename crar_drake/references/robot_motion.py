@@ -33,42 +33,32 @@ class RobotMotion:
     """Samples of a robot's configuration, evenly spaced in time.
 
     The root R is the robot's root link (a humanoid's pelvis). W is the world, z up.
-
-    Attributes:
-        joint_names: (n,) names in the order of `joint_positions`; () where the layout
-            has none.
-        root_positions: (T, 3) p_WR [m].
-        root_quaternions: (T, 4) of R_WR, order w x y z, of length 1 as far as the
-            file's digits go; `root_rotations` has them exactly so.
-        joint_positions: (T, n) [rad; m of a prismatic joint].
-        rate: samples per second [Hz].
-        layout: name of the layout that it was read from, or "".
-        source: path of the file that it was read from, or "".
-        clip: its name, where a file holds several; else "".
-        precision: NumPy type of the numbers in the file ("float32"), or "". Here they
-            are float64, which holds them exactly.
-        guesses: what the file did not say and was guessed or assumed, a sentence each.
-        extras: what the file had besides and no motion determines (names of bodies,
-            poses of an object), by its key there.
-        computed: what the file had besides that follows from the motion and the robot
-            (velocities, poses of bodies). It is written as it was read only as long as
-            `is_as_read`; else it is computed anew.
-        fingerprint: of the samples that were read; see `is_as_read`.
     """
 
+    # (n,) names in the order of `joint_positions`; () where the layout has none
     joint_names: tuple[str, ...]
-    root_positions: np.ndarray
+    root_positions: np.ndarray  # (T, 3) p_WR [m]
+    # (T, 4) of R_WR, order w x y z, of length 1 as far as the file's digits go;
+    # `root_rotations` has them exactly so
     root_quaternions: np.ndarray
-    joint_positions: np.ndarray
-    rate: float
-    layout: str = ""
-    source: str = ""
-    clip: str = ""
+    joint_positions: np.ndarray  # (T, n) [rad; m of a prismatic joint]
+    rate: float  # samples per second [Hz]
+    layout: str = ""  # name of the layout that it was read from, or ""
+    source: str = ""  # path of the file that it was read from, or ""
+    clip: str = ""  # its name, where a file holds several; else ""
+    # NumPy type of the numbers in the file ("float32"), or "". Here they are float64,
+    # which holds them exactly.
     precision: str = ""
+    # what the file did not say and was guessed or assumed, a sentence each
     guesses: tuple[str, ...] = ()
+    # what the file had besides and no motion determines (names of bodies, poses of an
+    # object), by its key there
     extras: Mapping[str, object] = field(default_factory=dict)
+    # what the file had besides that follows from the motion and the robot (velocities,
+    # poses of bodies). It is written as it was read only as long as `is_as_read`; else
+    # it is computed anew.
     computed: Mapping[str, object] = field(default_factory=dict)
-    fingerprint: str = ""
+    fingerprint: str = ""  # of the samples that were read; see `is_as_read`
 
     def __post_init__(self) -> None:
         """

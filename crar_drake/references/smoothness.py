@@ -17,19 +17,12 @@ _ROOT_TURN_JUMP = 15.0  # [rad/s]
 
 @dataclass(frozen=True)
 class Jump:
-    """A step from one frame to the next that its neighbours do not explain.
+    """A step from one frame to the next that its neighbours do not explain."""
 
-    Attributes:
-        what: "root position", "root orientation", or a joint's name.
-        frame: the first frame after it, from 0.
-        size: of the step, beyond that of its neighbours [m or rad].
-        unit: of `size`.
-    """
-
-    what: str
-    frame: int
-    size: float
-    unit: str
+    what: str  # "root position", "root orientation", or a joint's name
+    frame: int  # the first frame after it, from 0
+    size: float  # of the step, beyond that of its neighbours [m or rad]
+    unit: str  # of `size`
 
 
 def joint_label(motion: RobotMotion, column: int) -> str:

@@ -63,19 +63,12 @@ _SHARE_OF_WIDTH = 0.8  # of a narrow support's half width, that its margin is at
 
 @dataclass(frozen=True)
 class PointMasses:
-    """P points that move as a robot's links do.
+    """P points that move as a robot's links do."""
 
-    Attributes:
-        links: (P,) which of some links each is on.
-        offsets: (P, 3) p_LP in its frame [m].
-        masses: (P,) [kg].
-        gravity: [m/s^2].
-    """
-
-    links: np.ndarray
-    offsets: np.ndarray
-    masses: np.ndarray
-    gravity: float
+    links: np.ndarray  # (P,) which of some links each is on
+    offsets: np.ndarray  # (P, 3) p_LP in its frame [m]
+    masses: np.ndarray  # (P,) [kg]
+    gravity: float  # [m/s^2]
 
 
 def point_masses(plant: MultibodyPlant, links: list[str]) -> PointMasses:
@@ -227,19 +220,12 @@ def mean_demand(
 
 @dataclass(frozen=True)
 class HalfPlanes:
-    """The supports of T frames, n . p <= b each.
+    """The supports of T frames, n . p <= b each."""
 
-    Attributes:
-        normals: (T, N, 2) n, outwards.
-        bounds: (T, N) b [m]; infinite where there are fewer.
-        margins: (T,) by how much they are shrunk [m].
-        floor: (T,) height of the floor [m].
-    """
-
-    normals: np.ndarray
-    bounds: np.ndarray
-    margins: np.ndarray
-    floor: np.ndarray
+    normals: np.ndarray  # (T, N, 2) n, outwards
+    bounds: np.ndarray  # (T, N) b [m]; infinite where there are fewer
+    margins: np.ndarray  # (T,) by how much they are shrunk [m]
+    floor: np.ndarray  # (T,) height of the floor [m]
 
     @property
     def supported(self) -> np.ndarray:

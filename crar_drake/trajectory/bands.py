@@ -24,21 +24,15 @@ from crar_drake.equations.compilation import compiled
 
 @dataclass
 class Normal:
-    """H x = b, symmetric positive definite.
+    """H x = b, symmetric positive definite."""
 
-    Attributes:
-        D: (L, m, m) blocks of H on its diagonal, of which the lower triangles count.
-        S: (L - 1, m, m) below them: of frame k + 1 with frame k.
-        E: (L - 2, m) the diagonals of the blocks below these.
-        b: (L, m).
-        F: (A, L, m, m) what is added in full, of frame k + 2 + a with frame k: to the
-            blocks E, and to those below; none for nothing.
-    """
-
+    # (L, m, m) blocks of H on its diagonal, of which the lower triangles count
     D: np.ndarray
-    S: np.ndarray
-    E: np.ndarray
-    b: np.ndarray
+    S: np.ndarray  # (L - 1, m, m) below them: of frame k + 1 with frame k
+    E: np.ndarray  # (L - 2, m) the diagonals of the blocks below these
+    b: np.ndarray  # (L, m)
+    # (A, L, m, m) what is added in full, of frame k + 2 + a with frame k: to the blocks
+    # E, and to those below; none for nothing
     F: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0, 0)))
 
     def of_frames(self, some: np.ndarray, b: np.ndarray) -> Normal:

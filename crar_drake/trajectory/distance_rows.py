@@ -30,19 +30,12 @@ def configurations(model: ControlModel, rest: np.ndarray, q: np.ndarray) -> np.n
 
 
 class NearRows(NamedTuple):
-    """Pairs that are near, at some of S samples of a motion.
+    """Pairs that are near, at some of S samples of a motion."""
 
-    Attributes:
-        sample: (R,) of which sample, in ascending order.
-        row: (R,) of which pair of shapes.
-        d: (R,) the signed distance [m].
-        gradient: (R, m) of d by the unknowns, Eq. (20) [m/rad or 1].
-    """
-
-    sample: np.ndarray
-    row: np.ndarray
-    d: np.ndarray
-    gradient: np.ndarray
+    sample: np.ndarray  # (R,) of which sample, in ascending order
+    row: np.ndarray  # (R,) of which pair of shapes
+    d: np.ndarray  # (R,) the signed distance [m]
+    gradient: np.ndarray  # (R, m) of d by the unknowns, Eq. (20) [m/rad or 1].
 
 
 def no_rows(unknowns: int) -> NearRows:

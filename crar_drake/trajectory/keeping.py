@@ -99,21 +99,14 @@ class Meshes(Protocol):
 
 @dataclass
 class _State:
-    """What a motion of T frames is asked for, and what it keeps.
+    """What a motion of T frames is asked for, and what it keeps."""
 
-    Attributes:
-        at_frames, between: (T,) what is asked at frames, and on the way to the next
-            [m].
-        parts: (T,) into how many parts samples divide that way.
-        margins: what it keeps.
-        effort: that it took.
-    """
-
+    # (T,) what is asked at frames, and on the way to the next [m]
     at_frames: np.ndarray
-    between: np.ndarray
-    parts: np.ndarray
-    margins: Margins
-    effort: Effort = field(default_factory=Effort)
+    between: np.ndarray  # likewise
+    parts: np.ndarray  # (T,) into how many parts samples divide that way
+    margins: Margins  # what it keeps
+    effort: Effort = field(default_factory=Effort)  # that it took
 
 
 class Keeper:

@@ -26,22 +26,17 @@ _LARGEST_SLACK = 0.05
 
 @dataclass(frozen=True)
 class Margins:
-    """Of T frames.
+    """Of T frames."""
 
-    Attributes:
-        distance: (T,) the smallest of all watched pairs [m], negative in penetration.
-        pair: (T,) which pair it is of.
-        between: (T,) no distance on the way to the next frame is smaller [m]; of the
-            last frame its own distance.
-        limit: (T,) what is left to the nearest joint limit [rad or m].
-        speed: (T,) on the way to the next frame, the largest share of its speed limit
-            that a joint uses; of the last frame 0.
-    """
-
+    # (T,) the smallest of all watched pairs [m], negative in penetration
     distance: np.ndarray
-    pair: np.ndarray
+    pair: np.ndarray  # (T,) which pair it is of
+    # (T,) no distance on the way to the next frame is smaller [m]; of the last frame
+    # its own distance
     between: np.ndarray
-    limit: np.ndarray
+    limit: np.ndarray  # (T,) what is left to the nearest joint limit [rad or m]
+    # (T,) on the way to the next frame, the largest share of its speed limit that a
+    # joint uses; of the last frame 0
     speed: np.ndarray
 
 

@@ -93,19 +93,12 @@ _BEND = 30.0
 
 
 class AtFrames(NamedTuple):
-    """What the motion does at L frames.
+    """What the motion does at L frames."""
 
-    Attributes:
-        r: (L, R) residuals of the tasks,
-        J: (L, R, m) and their Jacobian.
-        f: (L, F) whose steps from one frame to the next are given,
-        G: (L, F, m) and its Jacobian.
-    """
-
-    r: np.ndarray
-    J: np.ndarray
-    f: np.ndarray
-    G: np.ndarray
+    r: np.ndarray  # (L, R) residuals of the tasks,
+    J: np.ndarray  # (L, R, m) and their Jacobian
+    f: np.ndarray  # (L, F) whose steps from one frame to the next are given,
+    G: np.ndarray  # (L, F, m) and its Jacobian
 
 
 class Tasks(Protocol):
@@ -130,19 +123,13 @@ class Tasks(Protocol):
 
 
 class WideRows(NamedTuple):
-    """What is to be 0 or more, of W frames in a row each.
+    """What is to be 0 or more, of W frames in a row each."""
 
-    Attributes:
-        frames: (R, W) which of the frames that were given; the middle one counts it.
-        row: (R,) and which of the rows that this may have.
-        d: (R,) what it is [m].
-        gradient: (R, W, m) of d by the unknowns of these frames.
-    """
-
+    # (R, W) which of the frames that were given; the middle one counts it
     frames: np.ndarray
-    row: np.ndarray
-    d: np.ndarray
-    gradient: np.ndarray
+    row: np.ndarray  # (R,) and which of the rows that this may have
+    d: np.ndarray  # (R,) what it is [m]
+    gradient: np.ndarray  # (R, W, m) of d by the unknowns of these frames
 
     @property
     def places(self) -> tuple[np.ndarray, np.ndarray]:
@@ -152,24 +139,17 @@ class WideRows(NamedTuple):
 
 @dataclass(frozen=True)
 class Wide:
-    """Rows of several frames in a row.
+    """Rows of several frames in a row."""
 
-    Attributes:
-        rows: of some frames in ascending order, and their y (L, m); those all of whose
-            frames are among them.
-        kept: the same, of less: where these are 0 or more, nothing has to change.
-        num_rows: that a frame may have.
-        width: W.
-        penalty: their rho, under the last penalty [1/m^2].
-        most: their multipliers are not larger [1/m].
-    """
-
+    # of some frames in ascending order, and their y (L, m); those all of whose frames
+    # are among them
     rows: Callable[[np.ndarray, np.ndarray], WideRows]
+    # the same, of less: where these are 0 or more, nothing has to change
     kept: Callable[[np.ndarray, np.ndarray], WideRows]
-    num_rows: int
-    width: int
-    penalty: float
-    most: float = np.inf
+    num_rows: int  # that a frame may have
+    width: int  # W
+    penalty: float  # their rho, under the last penalty [1/m^2]
+    most: float = np.inf  # their multipliers are not larger [1/m]
 
 
 def _no_wide_rows(frames: np.ndarray, y: np.ndarray) -> WideRows:
@@ -183,49 +163,32 @@ NO_WIDE = Wide(_no_wide_rows, _no_wide_rows, num_rows=0, width=3, penalty=1.0)
 
 @dataclass(frozen=True)
 class Samples:
-    """Places on the motion where rows are asked for: (1 - t) y_k + t y_(k+1).
+    """Places on the motion where rows are asked for: (1 - t) y_k + t y_(k+1)."""
 
-    Attributes:
-        frame: (S,) k.
-        share: (S,) t, from 0 to less than 1.
-        asked: (S,) what each row keeps there [m].
-    """
-
-    frame: np.ndarray
-    share: np.ndarray
-    asked: np.ndarray
+    frame: np.ndarray  # (S,) k
+    share: np.ndarray  # (S,) t, from 0 to less than 1
+    asked: np.ndarray  # (S,) what each row keeps there [m]
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is minimised, and the constraints; m unknowns a frame.
+    """What is minimised, and the constraints; m unknowns a frame."""
 
-    Attributes:
-        tasks: of each frame.
-        posture: (T, m) c.
-        posture_weight: (m,) w.
-        about: (T, m) a.
-        smoothness: (m,) s.
-        lower, upper: (m,) limits; infinite where there is none.
-        fastest: (m,) change from a frame to the next, at most; infinite likewise.
-        near_rows: of S samples, counted from the motion's first frame, their y (S, m),
-            and a length: the rows that keep less than that beyond what they are asked,
-            which is what their `d` says.
-        num_rows: number of rows that a sample may have.
-        wide: rows of several frames.
-    """
-
-    tasks: Tasks
-    posture: np.ndarray
-    posture_weight: np.ndarray
-    about: np.ndarray
-    smoothness: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
+    tasks: Tasks  # of each frame
+    posture: np.ndarray  # (T, m) c
+    posture_weight: np.ndarray  # (m,) w
+    about: np.ndarray  # (T, m) a
+    smoothness: np.ndarray  # (m,) s
+    lower: np.ndarray  # (m,) limits; infinite where there is none
+    upper: np.ndarray  # likewise
+    # (m,) change from a frame to the next, at most; infinite likewise
     fastest: np.ndarray
+    # of S samples, counted from the motion's first frame, their y (S, m), and a length:
+    # the rows that keep less than that beyond what they are asked, which is what their
+    # `d` says
     near_rows: Callable[[Samples, np.ndarray, float], NearRows]
-    num_rows: int
-    wide: Wide = NO_WIDE
+    num_rows: int  # number of rows that a sample may have
+    wide: Wide = NO_WIDE  # rows of several frames
 
 
 @dataclass
@@ -272,24 +235,16 @@ class _Linearised:
 
 @dataclass
 class Part:
-    """Some frames of a motion in a row, of which some may move.
+    """Some frames of a motion in a row, of which some may move."""
 
-    Attributes:
-        problem: of the whole motion.
-        first: which of its frames is the part's first.
-        y: (P, m) unknowns; `solve` changes them.
-        free: (P,) whether a frame may move. Beside the others, the two at each end are
-            held unless the motion ends there.
-        samples: of the part, counted from its first frame.
-        effort: is counted.
-    """
-
-    problem: Problem
-    first: int
-    y: np.ndarray
+    problem: Problem  # of the whole motion
+    first: int  # which of its frames is the part's first
+    y: np.ndarray  # (P, m) unknowns; `solve` changes them
+    # (P,) whether a frame may move. Beside the others, the two at each end are held
+    # unless the motion ends there.
     free: np.ndarray
-    samples: Samples
-    effort: Effort = field(default_factory=Effort)
+    samples: Samples  # of the part, counted from its first frame
+    effort: Effort = field(default_factory=Effort)  # is counted
 
     def __post_init__(self) -> None:
         some = slice(self.first, self.first + len(self.y))

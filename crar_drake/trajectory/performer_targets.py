@@ -60,39 +60,26 @@ _SHORTEST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class FootTarget:
-    """A foot at T frames.
+    """A foot at T frames."""
 
-    Attributes:
-        heel, ball: (T, 3) where the middles of the sole's rear and front edge are [m].
-        on_heel, on_ball: (T,) whether they stand on the floor.
-        heights: (T, 4) of the sole's corners [m].
-    """
-
+    # (T, 3) where the middles of the sole's rear and front edge are [m]
     heel: np.ndarray
-    ball: np.ndarray
-    on_heel: np.ndarray
-    on_ball: np.ndarray
-    heights: np.ndarray
+    ball: np.ndarray  # likewise
+    on_heel: np.ndarray  # (T,) whether they stand on the floor
+    on_ball: np.ndarray  # likewise
+    heights: np.ndarray  # (T, 4) of the sole's corners [m]
 
 
 @dataclass(frozen=True, eq=False)
 class PerformerTargets:
-    """T frames at a rate, in the world W: z up, the floor at z = 0.
+    """T frames at a rate, in the world W: z up, the floor at z = 0."""
 
-    Attributes:
-        rate: frames per second [Hz].
-        root_positions: (T, 3) p_WR [m].
-        root_rotations: (T, 3, 3) R_WR.
-        directions: name of LIMBS to (T, 3) unit vectors.
-        feet: side to its foot.
-        hands: "left_hand", "right_hand" to (T, 3, 3) R_WH; empty without.
-    """
-
-    rate: float
-    root_positions: np.ndarray
-    root_rotations: np.ndarray
-    directions: Mapping[str, np.ndarray]
-    feet: Mapping[str, FootTarget]
+    rate: float  # frames per second [Hz]
+    root_positions: np.ndarray  # (T, 3) p_WR [m]
+    root_rotations: np.ndarray  # (T, 3, 3) R_WR
+    directions: Mapping[str, np.ndarray]  # name of LIMBS to (T, 3) unit vectors
+    feet: Mapping[str, FootTarget]  # side to its foot
+    # "left_hand", "right_hand" to (T, 3, 3) R_WH; empty without
     hands: Mapping[str, np.ndarray]
 
 

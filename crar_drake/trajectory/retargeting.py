@@ -70,69 +70,46 @@ _STRETCHED = 0.02
 
 @dataclass(frozen=True)
 class RetargetingParameters:
-    """What the performer's motion counts for.
+    """What the performer's motion counts for."""
 
-    Attributes:
-        limb: of a limb's direction [1].
-        head: of the head's [1].
-        root: of the root's place on the floor [1/m], root_height: of its height.
-        turn: of how the root is turned [1/rad].
-        foot, planted: of heels and balls on the floor plane, in the air and standing
-            [1/m].
-        foot_height, planted_height: of the heights of the soles' corners, in the air
-            and standing [1/m].
-        standing: of the steps of what stands, from a frame to the next [1/m].
-        hand: of how the hands are turned, by their axes [1].
-        posture: of the rest posture [1/rad].
-        smoothing: motions that come and go within this time cost more [s],
-        change_smoothing: as do changes by which constraints are kept.
-        cutoff: of the low-pass of the performer [Hz].
-        floor, floor_between: distances that watched pairs keep at each frame, and on
-            the straight way to the next [m].
-        between_legs: by how much farther apart legs are asked to be while one is in
-            the air [m]: where they pass each other fast, nothing that looks ahead has
-            to evade. Feet that both stand are not moved by it.
-    """
-
-    limb: float = 1.0
-    head: float = 0.2
-    root: float = 1.0  # [1/m]
+    limb: float = 1.0  # of a limb's direction [1]
+    head: float = 0.2  # of the head's [1]
+    # of the root's place on the floor [1/m], root_height: of its height
+    root: float = 1.0
     root_height: float = 0.3  # [1/m]
-    turn: float = 1.0  # [1/rad]
-    foot: float = 5.0  # [1/m]
+    turn: float = 1.0  # of how the root is turned [1/rad]
+    # of heels and balls on the floor plane, in the air and standing [1/m]
+    foot: float = 5.0
     planted: float = 60.0  # [1/m]
-    foot_height: float = 10.0  # [1/m]
+    # of the heights of the soles' corners, in the air and standing [1/m]
+    foot_height: float = 10.0
     planted_height: float = 100.0  # [1/m]
-    standing: float = 2e3  # [1/m]
-    hand: float = 0.4
-    posture: float = 0.03  # [1/rad]
-    smoothing: float = 0.02  # [s]
-    change_smoothing: float = 0.08  # [s]
-    cutoff: float = 6.0  # [Hz]
-    floor: float = 4e-3  # [m]
+    standing: float = 2e3  # of the steps of what stands, from a frame to the next [1/m]
+    hand: float = 0.4  # of how the hands are turned, by their axes [1]
+    posture: float = 0.03  # of the rest posture [1/rad]
+    smoothing: float = 0.02  # motions that come and go within this time cost more [s],
+    change_smoothing: float = 0.08  # as do changes by which constraints are kept [s]
+    cutoff: float = 6.0  # of the low-pass of the performer [Hz]
+    # distances that watched pairs keep at each frame, and on the straight way to the
+    # next [m]
+    floor: float = 4e-3
     floor_between: float = 0.5e-3  # [m]
-    between_legs: float = 0.02  # [m]
+    # by how much farther apart legs are asked to be while one is in the air [m]: where
+    # they pass each other fast, nothing that looks ahead has to evade. Feet that both
+    # stand are not moved by it.
+    between_legs: float = 0.02
 
 
 @dataclass(frozen=True)
 class Retargeted:
-    """A robot's motion, T frames of n joints.
+    """A robot's motion, T frames of n joints."""
 
-    Attributes:
-        root_positions: (T, 3) p_WR [m].
-        root_rotations: (T, 3, 3) R_WR.
-        q: (T, n) positions of the controlled joints [rad or m].
-        violating: (T,) frames that still violate something.
-        targets: what the performer asked for.
-        effort: that it took.
-    """
-
-    root_positions: np.ndarray
-    root_rotations: np.ndarray
-    q: np.ndarray
-    violating: np.ndarray
-    targets: PerformerTargets
-    effort: Effort
+    root_positions: np.ndarray  # (T, 3) p_WR [m]
+    root_rotations: np.ndarray  # (T, 3, 3) R_WR
+    q: np.ndarray  # (T, n) positions of the controlled joints [rad or m]
+    violating: np.ndarray  # (T,) frames that still violate something
+    targets: PerformerTargets  # what the performer asked for
+    effort: Effort  # that it took
 
 
 class Retargeter:

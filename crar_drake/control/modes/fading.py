@@ -37,18 +37,12 @@ _SETTLING = 2
 
 @dataclass(frozen=True, slots=True)
 class Fading:
-    """The memory of a mode that takes over, see `FadingMode`.
+    """The memory of a mode that takes over, see `FadingMode`."""
 
-    Attributes:
-        inner: the memory of the mode itself.
-        difference: (n,) accelerations at t = 0, old less new; None when they have
-            faded away.
-        steps: that the mode has made.
-    """
-
-    inner: Any
+    inner: Any  # the memory of the mode itself
+    # (n,) accelerations at t = 0, old less new; None when they have faded away
     difference: np.ndarray | None
-    steps: int
+    steps: int  # that the mode has made
 
 
 class FadingMode(Mode):

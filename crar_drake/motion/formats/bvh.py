@@ -40,7 +40,7 @@ class BvhJoint:
     name: str  # as in the file, without surrounding blanks; "" for an end site
     parent: int  # index of its parent; -1 for a root
     offset: np.ndarray  # (3,) from its parent at zero rotation [file units]
-    # in the file's order, in lower case: "xposition", "zrotation", ..
+    # in the file's order, in lower case: "xposition", "zrotation", ...
     channels: tuple[str, ...] = ()
 
 

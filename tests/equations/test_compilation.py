@@ -119,10 +119,12 @@ def test_ctrl_c_while_machine_code_is_handed_over(tmp_path, monkeypatch, number)
     assert doubled(1.0) == 2.0
 
 
-# The second one comes while no handler of Python can.
+# The second one comes while no handler of Python can. In the background of a shell a
+# process has none to begin with.
 _TWICE = """
 import itertools, os, signal, subprocess
 from crar_drake.equations.whole_programs import _undisturbed
+signal.signal(signal.SIGINT, signal.default_int_handler)
 with _undisturbed():
     signal.raise_signal(signal.SIGINT)
     print("waits", flush=True)

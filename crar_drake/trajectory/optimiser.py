@@ -179,9 +179,9 @@ class Problem:
     posture_weight: np.ndarray  # (m,) w
     about: np.ndarray  # (T, m) a
     smoothness: np.ndarray  # (m,) s
-    lower: np.ndarray  # (m,) limits; infinite where there is none
-    upper: np.ndarray  # likewise
-    # (m,) change from a frame to the next, at most; infinite likewise
+    lower: np.ndarray  # (m,) limits; minus infinity where there is none
+    upper: np.ndarray  # (m,) and infinity
+    # (m,) change from a frame to the next, at most; infinity where there is no limit
     fastest: np.ndarray
     # of S samples, counted from the motion's first frame, their y (S, m), and a length:
     # the rows that keep less than that beyond what they are asked, which is what their

@@ -245,7 +245,7 @@ class FileCleaner:
         check_written(reference, motions[0].layout)
         motions = [trimmed(motion, options.frames) for motion in motions]
         for motion in motions:
-            _check_units(motion, self._robot)
+            _check_units(motion, self._robot, options.frames[0])
         return self._cleaner.clean(
             motions,
             out,
@@ -258,16 +258,21 @@ class FileCleaner:
         )
 
 
-def _check_units(motion: RobotMotion, robot: WholeBody) -> None:
-    """Raises MotionError where a joint, in the robot's order, is beyond a limit by more
-    than a turn, or as many metres: no motion at limits would be what was meant."""
+def _check_units(motion: RobotMotion, robot: WholeBody, first: int) -> None:
+    """Raises MotionError where a joint is beyond a limit by more than a turn, or as
+    many metres: a motion at its limits is not what was meant.
+
+    Args:
+        motion: with its joints in the robot's order.
+        first: the number of its first frame in the file.
+    """
     q = motion.joint_positions
     beyond = np.maximum(robot.lower - q, q - robot.upper)
     frame, joint = np.unravel_index(beyond.argmax(), beyond.shape)
     if beyond[frame, joint] > 2.0 * np.pi:
         raise MotionError(
             f"{motion.source}: {robot.joint_names[joint]} is at {q[frame, joint]:.1f} "
-            f"in frame {frame + 1}, and its limits are {robot.lower[joint]:.2f} and "
+            f"in frame {first + frame}, its limits are {robot.lower[joint]:.2f} and "
             f"{robot.upper[joint]:.2f} [rad, m]: is the file in degrees or millimetres?"
         )
 

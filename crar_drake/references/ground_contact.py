@@ -228,6 +228,8 @@ class CarryingHands:
             hands: task frames.
         """
         shares = np.zeros((motion.num_frames, len(hands)))
+        if not self._hands.feet:
+            return shares
         of_hands = self._hands.heights(motion)
         floor = _lowest_floor(self._feet.heights(motion))
         # What is never low is never planted, and not looked at.

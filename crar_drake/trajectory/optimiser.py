@@ -656,11 +656,11 @@ def _share_of_way(straight, lacks, going, weights) -> float:
         lacks, going, weights: c, g and rho of several kinds of rows.
     """
 
-    def squares(u: float) -> float:
-        return sum(
-            rho * np.sum(np.maximum(0.0, c - u * g) ** 2)
-            for c, g, rho in zip(lacks, going, weights, strict=True)
-        )
+    def height(u: float) -> float:
+        found = u * straight[0] + 0.5 * u * u * straight[1]
+        for c, g, rho in zip(lacks, going, weights, strict=True):
+            found += 0.5 * rho * np.sum(np.maximum(0.0, c - u * g) ** 2)
+        return found
 
     def slope(u: float) -> float:
         found = straight[0] + u * straight[1]
@@ -670,7 +670,7 @@ def _share_of_way(straight, lacks, going, weights) -> float:
 
     # It leads to the least of the rows that count at its start; those that it meets
     # count in the next active set.
-    if 2.0 * straight[0] + straight[1] + squares(1.0) < squares(0.0):
+    if height(1.0) < height(0.0):
         return 1.0
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):

@@ -4,6 +4,8 @@
 `make docs` runs them as they are.
 """
 
+import ast
+import importlib
 import os
 import re
 from pathlib import Path
@@ -40,6 +42,20 @@ def test_it_is_kept_without_outputs(path):
     for cell in notebook.cells:
         if cell.cell_type == "code":
             assert cell.outputs == [] and cell.execution_count is None
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_what_it_imports_is_there(path):
+    """It runs only where slow tests do."""
+    notebook = nbformat.read(path, as_version=4)
+    cells = [c.source for c in notebook.cells if c.cell_type == "code"]
+    tree = ast.walk(ast.parse("\n".join(cells)))
+    lines = [line for line in tree if isinstance(line, ast.ImportFrom)]
+    ours = [line for line in lines if line.module.startswith("crar_drake")]
+    assert ours
+    for line in ours:
+        for name in line.names:
+            assert hasattr(importlib.import_module(line.module), name.name)
 
 
 @pytest.mark.slow

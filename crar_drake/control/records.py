@@ -104,11 +104,11 @@ class Memory:
     torque_tick: int = 0
     # its results, whose accelerations are held; None before the first
     solution: Solution | None = None
-    # (nq,), (nv,) what was measured, with velocities that were believed; where the
-    # robot brakes without targets, those that it should have a period on. None before
-    # the first step.
-    q: np.ndarray | None = None
-    v: np.ndarray | None = None  # likewise
+    # what was measured, with velocities that were believed; where the robot brakes
+    # without targets, those that it should have a period on. None before the first
+    # step.
+    q: np.ndarray | None = None  # (nq,)
+    v: np.ndarray | None = None  # (nv,)
     # whether the next step may build on this one's accelerations: not where the robot
     # braked without targets, nor where a run began between two control ticks
     continues: bool = False

@@ -186,8 +186,8 @@ class FilterCommand:
 class FilterMemory:
     """What one step leaves to the next; never changed in place."""
 
-    q: np.ndarray  # (n,), (n,) the command
-    v: np.ndarray  # likewise
+    q: np.ndarray  # (n,) the command's positions [rad or m]
+    v: np.ndarray  # (n,) and its velocities [rad/s or m/s]
     # (n,) the position that was wanted, None if none was
     wish: np.ndarray | None = None
     following: bool = False  # whether the command was the wanted one

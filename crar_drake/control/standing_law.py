@@ -66,24 +66,24 @@ class StandingGains:
     """Gains of the standing law."""
 
     capture: float = 6.0  # decay k of the capture point's error [1/s]
-    turn: float = 150.0  # PD of the root's orientation [1/s^2, 1/s]
-    turn_rate: float = 25.0  # likewise
-    height: float = 150.0  # PD of the root's height [1/s^2, 1/s]
-    height_rate: float = 25.0  # likewise
+    turn: float = 150.0  # PD of the root's orientation: of its error [1/s^2],
+    turn_rate: float = 25.0  # and of its rate [1/s]
+    height: float = 150.0  # of the root's height [1/s^2]
+    height_rate: float = 25.0  # [1/s]
     # PD of the joints that follow the command; stiff, for they have its
-    # `tracking_error` to spare before a limit [1/s^2, 1/s]
+    # `tracking_error` to spare before a limit [1/s^2]
     joint: float = 4000.0
-    joint_rate: float = 120.0  # likewise
-    sole: float = 400.0  # PD of the soles' places [1/s^2, 1/s]
-    sole_rate: float = 40.0  # likewise
+    joint_rate: float = 120.0  # [1/s]
+    sole: float = 400.0  # of the soles' places [1/s^2]
+    sole_rate: float = 40.0  # [1/s]
     # PD of their orientations; stiff, for feet are light, and one that carries little
-    # tips over by itself [1/s^2, 1/s]
+    # tips over by itself [1/s^2]
     sole_turn: float = 2500.0
-    sole_turn_rate: float = 100.0  # likewise
-    # what the root's angular and vertical acceleration weigh against the horizontal one
-    # of the centre of mass, where the ground cannot give all [per rad/s^2, per m/s^2]
+    sole_turn_rate: float = 100.0  # [1/s]
+    # what the root's angular acceleration weighs against the horizontal one of the
+    # centre of mass, where the ground cannot give all [m/rad]
     weigh_turn: float = 0.1
-    weigh_height: float = 2.0  # likewise
+    weigh_height: float = 2.0  # and what its vertical one weighs [1]
     # that each corner of the soles is pressed down with, so that feet that carry
     # nothing stay on the floor [shares of the weight]
     least_force: float = 0.005

@@ -33,9 +33,9 @@ class Hulls(NamedTuple):
     after: np.ndarray
     corners: np.ndarray  # (H,) how many
     faces: np.ndarray  # (F, 3) three corners of each face, one of parallel faces
-    edges: np.ndarray  # (E, 2) both ends of each edge, likewise
+    edges: np.ndarray  # (E, 2) both ends of each edge, one of parallel edges
     first_face: np.ndarray  # (H + 1,) where its faces begin, and all end
-    first_edge: np.ndarray  # (H + 1,) likewise
+    first_edge: np.ndarray  # (H + 1,) where its edges begin, and all end
 
 
 def no_hulls(count: int) -> tuple[np.ndarray, np.ndarray, Held]:

@@ -208,7 +208,7 @@ class Checked(NamedTuple):
     """What is found of a step."""
 
     clear: bool  # whether every pair keeps its level
-    clearance: float  # of the next braking path, if it is clear [m]
+    clearance: float  # no distance on the next braking path is smaller, if clear [m]
     rows: np.ndarray  # (k,) the pairs of shapes that were examined
     level: np.ndarray  # (k,) what they are to keep [m]
     bounds: Bounds  # of these, on the way and the next path as one

@@ -340,7 +340,7 @@ class Robot(NamedTuple):
     """
 
     order: np.ndarray  # (nv,) places in the plant's v: first the controlled joints
-    positions: np.ndarray  # (nq,) places in the plant's q, likewise
+    positions: np.ndarray  # (nq,) places in the plant's q, in the same order
     n: int  # number of controlled joints' velocities
     # where the root's orientation begins in both orders, if it is free, else negative,
     # see `equations.free_joints`; from n on, it is prescribed
@@ -348,7 +348,7 @@ class Robot(NamedTuple):
     # (P, 4) of `place_points`: the joints' axes, as in `joint_motion`; the tasks'
     # points; the axes of the tasks with an orientation; and those of the watched shapes
     selection: np.ndarray
-    first: np.ndarray  # (P,) likewise
+    first: np.ndarray  # (P,) of `place_points` as well
     tree: Held  # of a `Tree`
     tasks: Held  # of `TaskPoints`
     rows: Held  # of `TaskRows`

@@ -48,7 +48,7 @@ class Links(NamedTuple):
     # (P, 4) of `place_points`: the joints' axes, as in `joint_motion`; the balls'
     # centres; where the shapes' axes start; and from there to their ends
     selection: np.ndarray
-    first: np.ndarray  # (P,) likewise
+    first: np.ndarray  # (P,) of `place_points` as well
     radius: np.ndarray  # (L,) of the balls about the links' shapes [m]
     shapes: np.ndarray  # (L + 1,) where the shapes of each link begin, and all end
     radii: np.ndarray  # (S,) of the shapes [m]

@@ -72,7 +72,7 @@ class Preview(NamedTuple):
     efforts: np.ndarray  # (N,) rho^2 of each part
     pull: np.ndarray  # (N, N) H, the null space's share of (L12) [1]
     damping: float  # of the null space [1/s]
-    stiffness: float  # likewise [1/s^2]
+    stiffness: float  # and its pull to the nominal posture [1/s^2]
     farthest: float  # of (L13) [rad or m]
     task_damping: float  # lambda of N in (L12) [m]
 

@@ -98,10 +98,10 @@ class References(NamedTuple):
     posture: np.ndarray  # (n,) acceleration towards the nominal posture; 0 if off
     qddot_p: np.ndarray  # (n_p,) accelerations of the prescribed joints
     error: np.ndarray  # (m,) Eq. (11) against the targets as given, without weights.
-    # (n,) what the damped inverse is damped towards at the velocity and the
-    # acceleration level, `undamped_preference`; (0,) for 0
+    # (n,) what the damped inverse is damped towards at the velocity level,
+    # `undamped_preference`; (0,) for 0
     qdot_0: np.ndarray = _NONE
-    qddot_0: np.ndarray = _NONE
+    qddot_0: np.ndarray = _NONE  # (n,) and at the acceleration level; (0,) for 0
     e: np.ndarray = _NONE  # (m,) Eq. (11) against the blended targets
     e_dot: np.ndarray = _NONE  # (m,) how fast it changes
     a_ff: np.ndarray = _NONE  # (m,) a_r without feedback

@@ -100,9 +100,9 @@ class Surface:
 class Contacts:
     """What an obstacle did in T samples."""
 
-    smallest_distance: float  # of a link [m], that link, and the sample's index
-    link: str
-    index: int
+    smallest_distance: float  # of a link [m]
+    link: str  # that link
+    index: int  # the sample's
     touching: int  # samples in which it touches a link
     violations: int  # those in which that link is faster there than is harmless
     fastest: float  # of a link where it was touched [m/s]; 0 if none was

@@ -17,8 +17,8 @@ class Gap:
     """Frames first..last of a point that are missing."""
 
     point: str  # its name
-    first: int  # frame, from 1
-    last: int
+    first: int  # its number, from 1
+    last: int  # as well
     filled: str  # "spline", "line", or "held" (at the beginning or end)
 
 

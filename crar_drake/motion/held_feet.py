@@ -58,8 +58,8 @@ class FootMotion:
     # (T, 4) quaternions (x y z w) of how it is turned from where it stands flat and
     # faces x
     turns: np.ndarray
-    heel: np.ndarray  # (T,) whether it is on the floor
-    ball: np.ndarray  # (T,) likewise
+    heel: np.ndarray  # (T,) whether the heel is on the floor
+    ball: np.ndarray  # (T,) and whether the ball is
 
     @property
     def planted(self) -> np.ndarray:

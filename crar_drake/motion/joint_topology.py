@@ -23,9 +23,9 @@ _NOTHING = 1e-3
 class Limbs:
     """What the tree alone tells; the sides a and b are not known."""
 
-    pelvis: int  # index
-    neck: int
-    head: int  # -1 if there is none
+    pelvis: int  # its index
+    neck: int  # its index
+    head: int  # its index, -1 if there is none
     # (a, b), each indices of hip, knee, ankle and toe (-1 if there is none)
     legs: tuple[tuple[int, ...], tuple[int, ...]]
     # (a, b), each indices of shoulder, elbow and wrist

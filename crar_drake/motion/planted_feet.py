@@ -15,7 +15,7 @@ class ContactThresholds:
     """What is low and slow."""
 
     height_on: float = 0.015  # above the floor [m]
-    height_off: float = 0.03  # [m]
+    height_off: float = 0.03  # above the floor [m]
     speed_on: float = 0.2  # [m/s]
     speed_off: float = 0.5  # [m/s]
 

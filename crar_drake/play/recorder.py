@@ -23,9 +23,8 @@ _MOST = 2**30  # [B]
 class Recorder:
     """Takes what a diagram's loggers hold, in pieces, and drops the oldest ones."""
 
-    kept = (
-        KEPT  # so much time, once it has passed [s]; less if it takes more than _MOST
-    )
+    # so much time, once it has passed [s]; less if it takes more than _MOST
+    kept = KEPT
 
     def __init__(self, setup: Setup, simulator: Simulator) -> None:
         """`setup` is what the simulated diagram is made of."""

@@ -49,14 +49,14 @@ class BalancingParameters:
     """What changing the least means."""
 
     joint_weight: float = 1.0  # w of each joint [m/rad]
-    root_weight: float = 1.0  # of the root's place [1], and of its turn [m/rad]
-    root_turn_weight: float = 1.0  # [m/rad]
-    foot_weight: float = 50.0  # of the feet's places [1], and of their turns [m/rad]
-    foot_turn_weight: float = 10.0  # [m/rad]
+    root_weight: float = 1.0  # of the root's place [1],
+    root_turn_weight: float = 1.0  # and of its turn [m/rad]
+    foot_weight: float = 50.0  # of the feet's places [1],
+    foot_turn_weight: float = 10.0  # and of their turns [m/rad]
     # of the steps of what stands, from a frame to the next [1]
     standing_weight: float = 200.0
-    hand_weight: float = 1.0  # of the hands' places [1], and of hands that carry
-    carrying_weight: float = 35.0  # likewise
+    hand_weight: float = 1.0  # of the hands' places [1],
+    carrying_weight: float = 35.0  # and of hands that carry [1]
     # tau; changes that come and go within this time cost more [s]
     smoothing: float = 0.08
     # square root of the last penalty of how far the centre of pressure is outside [1],

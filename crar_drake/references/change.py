@@ -22,16 +22,15 @@ class Change:
     """What became of a motion."""
 
     joints_rms: float  # of the joints [rad]
-    joints_worst: float  # likewise
-    # of the positions of the feet's and the hands' links in the world [m]; NaN without
-    feet_rms: float
-    feet_worst: float  # likewise
-    hands_rms: float  # likewise
-    hands_worst: float  # likewise
+    joints_worst: float  # [rad]
+    feet_rms: float  # of the positions of the feet's links in W [m]; NaN without feet
+    feet_worst: float  # [m]
+    hands_rms: float  # of those of the hands' links [m]; NaN without hands
+    hands_worst: float  # [m]
     root_rms: float  # of the root's [m]
-    root_worst: float  # likewise
+    root_worst: float  # [m]
     jerk_before: float  # root mean square of the joints' [rad/s^3]
-    jerk: float  # likewise
+    jerk: float  # and after the change
 
 
 @dataclass(frozen=True)
@@ -39,8 +38,8 @@ class AtMost:
     """How far a motion may change."""
 
     joints: float = np.inf  # any joint at any frame [rad]
-    feet: float = np.inf  # any foot's or hand's link [m]
-    hands: float = np.inf  # likewise
+    feet: float = np.inf  # any foot's link [m]
+    hands: float = np.inf  # any hand's [m]
 
     def check(self, robot: WholeBody) -> None:
         """Raises ModelError if the robot lacks what is asked about."""

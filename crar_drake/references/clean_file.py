@@ -64,13 +64,13 @@ class CleanedClip(Change):
     frames: int  # T
     rate: float  # [Hz]
     penetrating_before: int  # frames with watched capsules in penetration
-    penetrating: int  # likewise
+    penetrating: int  # and after cleaning
     beyond_limit_before: int  # frames with a joint beyond its limit
-    beyond_limit: int  # likewise
+    beyond_limit: int  # and after
     too_fast_before: int  # frames from which a joint goes on beyond its speed limit
-    too_fast: int  # likewise
+    too_fast: int  # and after
     nearest_before: float  # the smallest distance of watched capsules [m]
-    nearest: float  # likewise
+    nearest: float  # and after [m]
     between: float  # no distance on the straight ways between frames is smaller [m]
     changed: int  # frames with a joint that is not where the reference has it
     # frames that keep less than the floor, at them or on the way to the next; those
@@ -93,22 +93,21 @@ class CleanedClip(Change):
     # frames in which a joint that carries no foot needs more than its effort limit
     # (`joint_torques`); -1 if that was not asked for
     too_strong_before: int = -1
-    too_strong: int = -1  # likewise
+    too_strong: int = -1  # and after
     # frames that stand, in which balance was looked at; -1 if that was not asked for
     # (`ground_support`)
     stands: int = -1
     # share of these in which the ground could give what the motion takes; NaN without
     # any
     given_before: float = np.nan
-    given: float = np.nan  # likewise
-    # how far outside the support the centre of pressure is in them, in the worst of 95
-    # % [m]; negative inside
+    given: float = np.nan  # and after
+    # how far outside the support the centre of pressure is in them, in the worst of
+    # 95 % [m]; negative inside
     outside_before: float = np.nan
-    outside: float = np.nan  # likewise
+    outside: float = np.nan  # and after [m]
     lifts: int = -1  # of feet while another one, or a hand, stays planted; -1 as well
-    lifts_before: int = -1  # and of the lifts of the motion before
-    # those of them that are not balanced on what stays, a violation,
-    lifts_outside: int = -1
+    lifts_before: int = -1  # those before that are not balanced on what stays
+    lifts_outside: int = -1  # and those after: a violation
     lifted_outside: str = ""  # which they are, and by how much, in words; "" if none is
     # frames in which the centre of pressure is outside, and by how much, in words; ""
     # without any
@@ -174,8 +173,8 @@ def clean_file(
 class FileOptions:
     """How files are read and written."""
 
-    layout: str | None = None  # of files that do not say them (`read_motion`)
-    rate: float | None = None  # likewise
+    layout: str | None = None  # of files that do not say it (`read_motion`)
+    rate: float | None = None  # of those that do not say theirs [Hz]
     frames: Frames = (1, None)  # those that are kept
     ground: bool = False  # whether motions are then set on the ground (`set_on_ground`)
     # "speeds": motions are slowed down first where joints are too fast (`retimed`);
@@ -246,7 +245,7 @@ class FileCleaner:
         check_written(reference, motions[0].layout)
         motions = [trimmed(motion, options.frames) for motion in motions]
         for motion in motions:
-            _check_units(motion, self._robot)
+            _check_units(motion, self._robot, options.frames[0])
         return self._cleaner.clean(
             motions,
             out,
@@ -259,16 +258,21 @@ class FileCleaner:
         )
 
 
-def _check_units(motion: RobotMotion, robot: WholeBody) -> None:
-    """Raises MotionError where a joint, in the robot's order, is beyond a limit by more
-    than a turn, or as many metres: no motion at limits would be what was meant."""
+def _check_units(motion: RobotMotion, robot: WholeBody, first: int) -> None:
+    """Raises MotionError where a joint is beyond a limit by more than a turn, or as
+    many metres: a motion at its limits is not what was meant.
+
+    Args:
+        motion: with its joints in the robot's order.
+        first: the number of its first frame in the file.
+    """
     q = motion.joint_positions
     beyond = np.maximum(robot.lower - q, q - robot.upper)
     frame, joint = np.unravel_index(beyond.argmax(), beyond.shape)
     if beyond[frame, joint] > 2.0 * np.pi:
         raise MotionError(
             f"{motion.source}: {robot.joint_names[joint]} is at {q[frame, joint]:.1f} "
-            f"in frame {frame + 1}, and its limits are {robot.lower[joint]:.2f} and "
+            f"in frame {first + frame}, its limits are {robot.lower[joint]:.2f} and "
             f"{robot.upper[joint]:.2f} [rad, m]: is the file in degrees or millimetres?"
         )
 

@@ -48,15 +48,13 @@ class CleaningParameters:
     """What changing the least means, and what is kept."""
 
     joint_weight: float = 1.0  # w of each joint [m/rad]
-    # of the feet's positions [1], and of their orientations [m/rad]
-    foot_weight: float = 25.0
-    foot_turn_weight: float = 4.0  # [m/rad]
+    foot_weight: float = 25.0  # of the feet's positions [1]
+    foot_turn_weight: float = 4.0  # of their orientations [m/rad]
     # of their heights [1]: feet that meet part sideways, and not into the floor
     foot_height_weight: float = 100.0
     hand_weight: float = 2.0  # of the hands' positions [1]
-    # instead, of hands that carry [1], and of their orientations [m/rad]
-    carrying_weight: float = 35.0
-    carrying_turn_weight: float = 0.3  # [m/rad]
+    carrying_weight: float = 35.0  # instead, of hands that carry [1]
+    carrying_turn_weight: float = 0.3  # and of their orientations [m/rad]
     # whether hands are taken to carry throughout, as those that hold an object do; else
     # while they are planted on the ground
     hands: bool = False

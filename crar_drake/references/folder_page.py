@@ -68,8 +68,8 @@ class Figure:
 class PageRow:
     """A motion, or a file that failed."""
 
-    source: Path  # files
-    written: Path  # likewise
+    source: Path  # the file that was read
+    written: Path  # and where what was made of it is
     clip: Any  # what the table has of it; None of a file that failed
     note: str  # why it failed, or what is to be known besides
 

@@ -50,7 +50,7 @@ class FileResult:
 
     source: Path  # the file
     clips: tuple[Any, ...] = ()  # of its motions, rows of the table; none if it failed
-    error: str = ""  # why it failed; ""
+    error: str = ""  # why it failed; "" if it did not
 
 
 @dataclass(frozen=True)

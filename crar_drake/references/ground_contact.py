@@ -52,8 +52,8 @@ class FootSlip:
     total: float  # way that it slips while planted, in all of them [m]
     ways: np.ndarray  # (num_contacts,) of each contact [m]
     worst: float  # the longest of one contact [m]
-    worst_start: int | None  # first and last frame of that contact; None without any
-    worst_end: int | None  # likewise
+    worst_start: int | None  # first frame of that contact; None without any
+    worst_end: int | None  # and its last
     top_speed: float  # of slipping, from one frame to the next [m/s]
 
 
@@ -228,6 +228,8 @@ class CarryingHands:
             hands: task frames.
         """
         shares = np.zeros((motion.num_frames, len(hands)))
+        if not self._hands.feet:
+            return shares
         of_hands = self._hands.heights(motion)
         floor = _lowest_floor(self._feet.heights(motion))
         # What is never low is never planted, and not looked at.

@@ -19,7 +19,7 @@ from crar_drake.files import whole_file
 from crar_drake.kept_files import digest_of, mark_used, remove_unused
 from crar_drake.resources import cached
 
-_SUM = slice(-4, None)
+_LENGTH = 4  # of a check sum [B]
 
 
 def place_of(
@@ -49,16 +49,17 @@ def _sources(modules: tuple[str, ...]) -> str:
 def read_kept(place: Path, dtype: np.dtype | type) -> np.ndarray | None:
     """The array of that type that is kept there; None if there is none."""
     with suppress(Exception):  # damage to a file shows in many ways
-        data = place.read_bytes()
+        kept = place.read_bytes()
+        data, check_sum = kept[:-_LENGTH], kept[-_LENGTH:]
         array = np.load(io.BytesIO(data), allow_pickle=False)
-        if array.dtype == dtype and data[_SUM] == _sum_of(data[: _SUM.start]):
+        if array.dtype == dtype and check_sum == _sum_of(data):
             mark_used(place)
             return array
     return None
 
 
 def _sum_of(data: bytes) -> bytes:
-    return zlib.crc32(data).to_bytes(4, "little")
+    return zlib.crc32(data).to_bytes(_LENGTH, "little")
 
 
 def keep_array(place: Path, array: np.ndarray) -> None:

@@ -102,7 +102,7 @@ class CertificateCheck:
     frames: int = 0  # that were looked at
     points: int = 0  # between frames that were looked at
     mesh_frames: int = 0  # the same, by meshes
-    mesh_points: int = 0  # likewise
+    mesh_points: int = 0  # and between frames
     mesh_pairs: int = 0  # pairs of links that were looked at by their meshes
     uncovered: int = 0  # pairs of links that it is not of
     why_not: str = ""  # why no meshes were looked at; "" if they were

@@ -91,7 +91,7 @@ class ReferenceVerdict:
     # pairs of meshes that penetrate, the deepest first
     mesh_pairs: tuple[PairFrames, ...]
     limits: tuple[Beyond, ...]  # joints beyond their limits, the farthest first
-    speeds: tuple[Beyond, ...]  # likewise
+    speeds: tuple[Beyond, ...]  # and beyond their speed limits
     # (T,) the largest of all joints, negative within [rad or m]
     limit_excess: np.ndarray
     # (T - 1,) the largest share of a speed limit; 0 without any
@@ -102,7 +102,7 @@ class ReferenceVerdict:
     feet: tuple[FootSlip, ...]  # what each does on the floor
     jumps: tuple[Jump, ...]  # in the order of their frames
     rms_jerk: float  # of all joints [rad/s^3]
-    peak_jerk: float  # likewise
+    peak_jerk: float  # the largest of any joint [rad/s^3]
     peak_jerk_joint: str  # where it is
     # what of these is violated, in words
     violations: tuple[str, ...] = field(default=())

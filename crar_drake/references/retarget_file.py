@@ -96,8 +96,8 @@ class RetargetOptions:
     options: MotionOptions = MotionOptions()
     layout: str = ""  # to be written; "": the usual one of the file's suffix
     rate: float = RATE  # frames per second to be written [Hz]
-    parameters: RetargetingParameters = field(default_factory=RetargetingParameters)  #
     # what is wanted
+    parameters: RetargetingParameters = field(default_factory=RetargetingParameters)
     balance: bool = False  # whether motions are balanced then (`balancing`)
 
     def __post_init__(self) -> None:

@@ -55,13 +55,13 @@ class RetargetedRow(CleanedClip):
     What it inherits is of the motion before and after cleaning, both the robot's.
     """
 
-    # of arms and legs, how far the farthest limb is off in direction, in the median and
-    # in 95 % of the frames [rad]
+    # of arms and legs, how far the farthest limb is off in direction, in the median
+    # [rad]
     limbs_median: float
-    limbs_most: float  # likewise
+    limbs_most: float  # and in 95 % of the frames [rad]
     farthest_most: float  # of all limbs, in 95 % of the frames [rad]
     left_knee: float  # how much more it bends than the person's in the median [rad]
-    right_knee: float  # likewise
+    right_knee: float  # and how much the right one [rad]
     slip: float  # the longest way that a planted foot slips [m]
     lowest: float  # the lowest point of all links, over the floor [m]
     farthest: str  # that limb

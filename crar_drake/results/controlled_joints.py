@@ -17,8 +17,8 @@ class ControlledJoints:
     v: np.ndarray  # (T, n) velocities [rad/s or m/s]
     torque: np.ndarray  # (T, n) efforts [Nm or N]
     acceleration: np.ndarray  # (T, n) commanded accelerations [rad/s² or m/s²]
-    lower: np.ndarray  # (n,) limits, infinite where there is none [rad or m]
-    upper: np.ndarray
+    lower: np.ndarray  # (n,) limits, minus infinity where there is none [rad or m]
+    upper: np.ndarray  # (n,) and infinity [rad or m]
     # (T, n) how far beyond the nearer limit, negative inside, -inf for an unlimited
     # joint [rad or m]
     excess: np.ndarray

@@ -39,8 +39,9 @@ class Footing:
     supported_share: float | None
     median_outside: float | None  # how far outside it is otherwise, in the median [m]
     least_force: float  # upwards, over the weight
-    largest_force: float
-    friction: float | None  # over the vertical force, that 95 % of the time keep below
+    largest_force: float  # as well
+    # horizontal over vertical force that 95 % of the time need less than
+    friction: float | None
 
     def lines(self) -> list[str]:
         """The figures in words."""

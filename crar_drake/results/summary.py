@@ -77,7 +77,7 @@ class Summary:
     # frame).
     mean_violations: float
     penetrating_samples: int  # samples with any pair at d < 0
-    penetrating_pairs: dict[str, int]  # to their numbers of samples
+    penetrating_pairs: dict[str, int]  # each such pair to its number of samples
     # samples with any controlled joint beyond a limit by more than 1e-6 rad
     beyond_limit_samples: int
     joints_beyond_limits: dict[str, int]  # each such joint to its number of samples

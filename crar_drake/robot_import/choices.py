@@ -84,7 +84,8 @@ class ImportChoices:
     # "z" if all meshes have z up, whatever they say, or "file" if DAE meshes are to be
     # turned as they say; None where none says anything else
     up_axis: str | None = None
-    up: str | None = None  # of the root link, one of `AXES`; None is z
+    # axis of the root link that points up, one of `AXES`; None is z
+    up: str | None = None
     facing: str | None = None  # axis of the root link that points ahead, one of `AXES`
     # "prescribed" (three prismatic joints and a heading between world and root link,
     # driven by the motion), "floating" (by a quaternion: the motion turns it in all

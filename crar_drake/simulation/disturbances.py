@@ -47,11 +47,11 @@ class Disturbances:
 
     mass_scale: float = 1.0  # factor on all masses and inertias of the simulated plant
     position_noise: float = 0.0  # standard deviation of measured positions [rad or m]
-    velocity_noise: float = 0.0  # likewise of velocities [rad/s or m/s]
+    velocity_noise: float = 0.0  # of measured velocities [rad/s or m/s]
     noise_seed: int = 0  # of both noises
     delay_periods: int = 0  # control periods by which the measured state is late
     pushes: list[Push] = field(default_factory=list)  # forces on the robot
-    target_jump: TargetJump = field(default_factory=TargetJump)  # of the targets
+    target_jump: TargetJump = field(default_factory=TargetJump)  # a step of targets
 
     def validate(self) -> None:
         """Raises ScenarioError where a field is out of its range."""

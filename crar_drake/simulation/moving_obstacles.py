@@ -32,8 +32,9 @@ class MovingObstacle:
     speed: float | None = None
     # where it is when; before the first and after the last it stands
     keyframes: list[Place] = field(default_factory=list)
-    start: list[float] = field(default_factory=list)  # [m], instead of keyframes
-    velocity: list[float] = field(default_factory=list)  # [m/s]
+    # where its centre is at first [m], instead of keyframes
+    start: list[float] = field(default_factory=list)
+    velocity: list[float] = field(default_factory=list)  # and its velocity [m/s]
 
     def validate(self) -> None:
         """Checks all that a file may say.

@@ -78,9 +78,9 @@ class Pelvis:
     """How far the pelvis of a robot that stands may go from where it rests."""
 
     x: float = 0.04  # to both sides along the world's x axis [m]
-    y: float = 0.04  # and along y
+    y: float = 0.04  # and along y [m]
     down: float = 0.06  # along z [m]
-    up: float = 0.005
+    up: float = 0.005  # along z [m]
 
     def box(self) -> dict[str, tuple[float, float]]:
         """As `standing_description` takes it."""

@@ -23,7 +23,7 @@ class Gate:
     """What a target may be."""
 
     speed: float = 1.5  # faster ones are clamped, as by the governor [m/s]
-    angular_speed: float = 6.0  # likewise of orientations [rad/s]
+    angular_speed: float = 6.0  # of orientations, clamped as well [rad/s]
     # faster targets of tasks that are joints count as clamped, and are taken to be at
     # rest where they are. The governor passes joints as they are: how fast they go is
     # bounded by the robot's speed limits [rad/s or m/s].

@@ -101,9 +101,8 @@ class Meshes(Protocol):
 class _State:
     """What a motion of T frames is asked for, and what it keeps."""
 
-    # (T,) what is asked at frames, and on the way to the next [m]
-    at_frames: np.ndarray
-    between: np.ndarray  # likewise
+    at_frames: np.ndarray  # (T,) what is asked at frames [m]
+    between: np.ndarray  # (T,) and on the way to the next [m]
     parts: np.ndarray  # (T,) into how many parts samples divide that way
     margins: Margins  # what it keeps
     effort: Effort = field(default_factory=Effort)  # that it took

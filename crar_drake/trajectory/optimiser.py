@@ -25,9 +25,9 @@ Optimization", 2nd ed., Alg. 17.4): with multipliers lambda of rows c(y) >= 0, m
 then set lambda_i to max(0, lambda_i - rho c_i). The penalty rho grows in stages: begun
 with the last one the minimum is a worse one. Each minimisation takes damped
 Gauss-Newton steps; in a step all rows are linearised, and which of them count is found
-by iterating. Unknowns of neighbouring frames alone are coupled, so a step's time is
-linear in the frames (`bands`). Each frame has its own damping: where some go too far,
-the others are not slowed.
+by iterating, a few times. Unknowns of neighbouring frames alone are coupled, so a
+step's time is linear in the frames (`bands`). Each frame has its own damping, more
+where rows of distances push: where some go too far, the others are not slowed.
 
 Frames are *live* while rows that concern them, or frames near them, are not settled;
 in a minimisation, once most of the others stand still, as long as they move. Others are
@@ -62,8 +62,8 @@ _PENALTY_OF_JOINTS = 1e5
 _WIDE_GROWTH = 0.5
 
 _STEPS = 40  # Gauss-Newton steps of a minimisation, at most
-_HALVINGS = 8
 _ACTIVE_SETS = 3  # in one of them, at most
+_HALVINGS = 8  # of a way on which its least is looked for
 # Frames on either side of those whose rows change, for which a step is found anew.
 _BESIDE = 10
 _LOCAL = 5  # frames on either side whose costs say whether a step was of use
@@ -87,8 +87,8 @@ _LOOK, _NEAREST_LOOK, _FARTHEST_LOOK = 0.3, 0.01, 0.03
 # Levenberg's damping, of each frame: first, least, most; by how much it rises where a
 # step was of no use, and falls elsewhere.
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _RISE, _FALL = 1e-2, 1e-5, 1e4, 8.0, 3.0
-# Where rows push, it grows by itself times their force times this [m]: such rows bend,
-# which no linearisation has.
+# Where rows of distances push, it is multiplied by 1 + this [m] times their force
+# [1/m]: they bend, which is not in a linearisation.
 _BEND = 30.0
 
 
@@ -179,9 +179,9 @@ class Problem:
     posture_weight: np.ndarray  # (m,) w
     about: np.ndarray  # (T, m) a
     smoothness: np.ndarray  # (m,) s
-    lower: np.ndarray  # (m,) limits; infinite where there is none
-    upper: np.ndarray  # likewise
-    # (m,) change from a frame to the next, at most; infinite likewise
+    lower: np.ndarray  # (m,) limits; minus infinity where there is none
+    upper: np.ndarray  # (m,) and infinity
+    # (m,) change from a frame to the next, at most; infinity where there is no limit
     fastest: np.ndarray
     # of S samples, counted from the motion's first frame, their y (S, m), and a length:
     # the rows that keep less than that beyond what they are asked, which is what their
@@ -449,7 +449,8 @@ class Part:
     def _step(
         self, at: _Linearised, live: _Live, penalty: float, damping: np.ndarray
     ) -> np.ndarray | None:
-        """(L, m) to the minimum of the linearised merit, with its own active set."""
+        """(L, m) towards the minimum of the linearised merit, with active sets of its
+        own."""
         rows, rho = at.rows, _PENALTY_OF_JOINTS
         left, right = live.left[rows.sample], live.right[rows.sample]
         t = self.samples.share[live.samples[rows.sample]]
@@ -655,11 +656,11 @@ def _share_of_way(straight, lacks, going, weights) -> float:
         lacks, going, weights: c, g and rho of several kinds of rows.
     """
 
-    def squares(u: float) -> float:
-        return sum(
-            rho * np.sum(np.maximum(0.0, c - u * g) ** 2)
-            for c, g, rho in zip(lacks, going, weights, strict=True)
-        )
+    def height(u: float) -> float:
+        found = u * straight[0] + 0.5 * u * u * straight[1]
+        for c, g, rho in zip(lacks, going, weights, strict=True):
+            found += 0.5 * rho * np.sum(np.maximum(0.0, c - u * g) ** 2)
+        return found
 
     def slope(u: float) -> float:
         found = straight[0] + u * straight[1]
@@ -667,8 +668,9 @@ def _share_of_way(straight, lacks, going, weights) -> float:
             found -= rho * np.vdot(g, np.maximum(0.0, c - u * g))
         return found
 
-    # A way to the least of few rows, however far from the others, is soon mended.
-    if 2.0 * straight[0] + straight[1] + squares(1.0) < squares(0.0):
+    # It leads to the least of the rows that count at its start; those that it meets
+    # count in the next active set.
+    if height(1.0) < height(0.0):
         return 1.0
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):

@@ -62,11 +62,10 @@ _SHORTEST = 1e-3
 class FootTarget:
     """A foot at T frames."""
 
-    # (T, 3) where the middles of the sole's rear and front edge are [m]
-    heel: np.ndarray
-    ball: np.ndarray  # likewise
-    on_heel: np.ndarray  # (T,) whether they stand on the floor
-    on_ball: np.ndarray  # likewise
+    heel: np.ndarray  # (T, 3) where the middle of the sole's rear edge is [m]
+    ball: np.ndarray  # (T, 3) and that of its front edge [m]
+    on_heel: np.ndarray  # (T,) whether the heel stands on the floor
+    on_ball: np.ndarray  # (T,) and whether the ball does
     heights: np.ndarray  # (T, 4) of the sole's corners [m]
 
 

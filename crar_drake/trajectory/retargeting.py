@@ -74,26 +74,21 @@ class RetargetingParameters:
 
     limb: float = 1.0  # of a limb's direction [1]
     head: float = 0.2  # of the head's [1]
-    # of the root's place on the floor [1/m], root_height: of its height
-    root: float = 1.0
-    root_height: float = 0.3  # [1/m]
+    root: float = 1.0  # of the root's place on the floor [1/m]
+    root_height: float = 0.3  # of its height [1/m]
     turn: float = 1.0  # of how the root is turned [1/rad]
-    # of heels and balls on the floor plane, in the air and standing [1/m]
-    foot: float = 5.0
-    planted: float = 60.0  # [1/m]
-    # of the heights of the soles' corners, in the air and standing [1/m]
-    foot_height: float = 10.0
-    planted_height: float = 100.0  # [1/m]
+    foot: float = 5.0  # of heels and balls on the floor plane, in the air [1/m],
+    planted: float = 60.0  # and standing [1/m]
+    foot_height: float = 10.0  # of the heights of the soles' corners, in the air [1/m],
+    planted_height: float = 100.0  # and standing [1/m]
     standing: float = 2e3  # of the steps of what stands, from a frame to the next [1/m]
     hand: float = 0.4  # of how the hands are turned, by their axes [1]
     posture: float = 0.03  # of the rest posture [1/rad]
     smoothing: float = 0.02  # motions that come and go within this time cost more [s],
     change_smoothing: float = 0.08  # as do changes by which constraints are kept [s]
     cutoff: float = 6.0  # of the low-pass of the performer [Hz]
-    # distances that watched pairs keep at each frame, and on the straight way to the
-    # next [m]
-    floor: float = 4e-3
-    floor_between: float = 0.5e-3  # [m]
+    floor: float = 4e-3  # distance that watched pairs keep at each frame [m],
+    floor_between: float = 0.5e-3  # and on the straight way to the next [m]
     # by how much farther apart legs are asked to be while one is in the air [m]: where
     # they pass each other fast, nothing that looks ahead has to evade. Feet that both
     # stand are not moved by it.

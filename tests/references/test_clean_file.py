@@ -466,6 +466,10 @@ def test_degrees_are_refused(tmp_path, capsys):
     out = tmp_path / "out.csv"
     arguments = ["clean", str(reference), "--robot", str(tmp_path), "--out", str(out)]
     assert main(arguments) == 2
-    message = capsys.readouterr().err
-    assert "is the file in degrees" in message and "in frame " in message
+    assert "is the file in degrees" in capsys.readouterr().err
+    q = reaching(24, 30.0, 1.0)
+    q[9] = np.degrees(q[9])
+    write_csv(reference, q)
+    assert main([*arguments, "--frames", "5:"]) == 2
+    assert "in frame 10, " in capsys.readouterr().err
     assert not out.exists() and not certificate_path(out).exists()

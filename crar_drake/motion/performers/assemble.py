@@ -78,14 +78,14 @@ class Recording(Described):
     without_travel: bool = False
     # (T, 3) what is up in the pelvis; the neck from it by default
     pelvis_up: np.ndarray | None = None
-    hands: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  #
     # hand to the vectors (T, 3) to its fingertips and to its thumb's side
+    hands: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     unit: str = ""  # what the file states, a key of `options.UNITS`, or ""
     # where the unit comes from, if the positions are in metres already
     unit_fact: Fact | None = None
     up: str = ""  # axis that the file states, or ""
-    doubts: tuple[str, ...] = ()  # as in `Performer`, and the next
-    facts: tuple[Fact, ...] = ()
+    doubts: tuple[str, ...] = ()  # as in `Performer`
+    facts: tuple[Fact, ...] = ()  # as in `Performer`
 
 
 def assemble(recording: Recording, options: MotionOptions) -> Performer:

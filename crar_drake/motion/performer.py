@@ -47,7 +47,7 @@ SOURCES = ("given", "file", "database", "inferred", "assumed")
 class Fact:
     """Something about a recording that a format may leave open."""
 
-    what: str  # of it, e.g. "unit".
+    what: str  # of it, e.g. "unit"
     value: str  # in words
     source: str  # one of SOURCES
     why: str = ""  # what it was inferred from, or which option gave it; may be ""
@@ -94,7 +94,7 @@ class Described:
     """
 
     name: str  # what the user calls the motion
-    format: str  # of the file, e.g. "BVH".
+    format: str  # of the file, e.g. "BVH"
     frame_rate: float  # samples per second [Hz]
     rate_source: str  # where that comes from, one of SOURCES
     # name of JOINTS to what it is taken from in the file

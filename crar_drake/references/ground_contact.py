@@ -107,10 +107,7 @@ class Outline:
         if not links:
             zeros = np.zeros(motion.num_frames)
             return GroundContact(zeros, ("",) * motion.num_frames, 0.0, ())
-        p_RB, R_RB = self._robot.poses_in_root(motion.joint_positions, links)
-        R_WR = motion.root_rotations.as_matrix()
-        p_WB = motion.root_positions[:, None] + np.einsum("tij,tlj->tli", R_WR, p_RB)
-        R_WB = np.einsum("tij,tljk->tlik", R_WR, R_RB)
+        p_WB, R_WB = self._poses(motion, links)
         low = self._lowest(links, p_WB, R_WB)
         soles = self._soles(links, p_WB, R_WB)
         if floor is None:
@@ -144,8 +141,8 @@ class Outline:
         Args:
             motion: with its joints in the order of the robot.
         """
-        links, p_WB, R_WB = self._poses_of_feet(motion)
-        return self._soles(links, p_WB, R_WB)
+        links = self._links_of_feet()
+        return self._soles(links, *self._poses(motion, links))
 
     def heights(self, motion: RobotMotion) -> dict[str, np.ndarray]:
         """Foot to (T,) the height of its lowest point [m].
@@ -153,18 +150,20 @@ class Outline:
         Args:
             motion: with its joints in the order of the robot.
         """
-        links, p_WB, R_WB = self._poses_of_feet(motion)
-        return self._of_feet(links, self._lowest(links, p_WB, R_WB))
+        links = self._links_of_feet()
+        return self._of_feet(links, self._lowest(links, *self._poses(motion, links)))
 
-    def _poses_of_feet(
-        self, motion: RobotMotion
-    ) -> tuple[list[str], np.ndarray, np.ndarray]:
-        """The links of feet, and their poses p_WB (T, L, 3) [m] and R_WB."""
-        links = [b for b in self.links if any(b in of for of in self.feet.values())]
+    def _links_of_feet(self) -> list[str]:
+        return [b for b in self.links if any(b in of for of in self.feet.values())]
+
+    def _poses(
+        self, motion: RobotMotion, links: Sequence[str]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Where links are in the world: p_WB (T, L, 3) [m], R_WB (T, L, 3, 3)."""
         p_RB, R_RB = self._robot.poses_in_root(motion.joint_positions, links)
         R_WR = motion.root_rotations.as_matrix()
         p_WB = motion.root_positions[:, None] + np.einsum("tij,tlj->tli", R_WR, p_RB)
-        return links, p_WB, np.einsum("tij,tljk->tlik", R_WR, R_RB)
+        return p_WB, np.einsum("tij,tljk->tlik", R_WR, R_RB)
 
     def _lowest(
         self, links: Sequence[str], p_WB: np.ndarray, R_WB: np.ndarray

@@ -348,10 +348,10 @@ class Keeper:
         Args:
             problem, y, state: as of `_solve`.
         """
-        q, before, kept = self._joints(y), y.copy(), state.margins
+        q, before = self._joints(y), y.copy()
         touching = self._meshes.touching(q)
-        at_first, where = touching.any(axis=0), np.zeros_like(touching)
-        violated = self._violating(kept)
+        where, violated = np.zeros_like(touching), self._violating(state.margins)
+        was_worse = touching.any(axis=0) + len(y) * violated
         for number in range(_ROUNDS):
             # Frames that meshes were parted in, or beside, may violate something then.
             some = touching.any(axis=0) | (self._violating(state.margins) & ~violated)
@@ -372,13 +372,7 @@ class Keeper:
                 found = self._meshes.touching(q[first : end + 1])
                 touching[:, start:end] = found[:, start - first : end - first]
         changed = (y != before).any(axis=1)
-        was_worse, worse = (
-            touch.astype(int) + len(y) * self._violating(margins)
-            for touch, margins in (
-                (at_first, kept),
-                (touching.any(axis=0), state.margins),
-            )
-        )
+        worse = touching.any(axis=0) + len(y) * self._violating(state.margins)
         for start, end in _runs(changed):
             around = slice(max(start - 1, 0), end + 1)
             if worse[around].sum() >= was_worse[around].sum():

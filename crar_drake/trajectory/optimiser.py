@@ -456,12 +456,11 @@ class Part:
         t = self.samples.share[live.samples[rows.sample]]
         lam = self._of_rows[live.samples[rows.sample], rows.row]
         shift = lam / penalty - at.rows.d
-        pushes = penalty * np.maximum(0.0, shift)
+        force = penalty * np.maximum(0.0, shift)
         ends = np.concatenate([left, right]) + 1  # 0: of a frame that is held
-        pushes = np.concatenate([(1.0 - t) * pushes, t * pushes])
-        pushed = np.bincount(ends, pushes, minlength=len(damping) + 1)[1:]
-        damping = damping * (1.0 + _BEND * pushed)
-        base = self._normal(at, live, damping)
+        at_ends = np.concatenate([(1.0 - t) * force, t * force])
+        pushed = np.bincount(ends, at_ends, minlength=len(damping) + 1)[1:]
+        base = self._normal(at, live, damping * (1.0 + _BEND * pushed))
         limits, speeds = self._limits(at.y, live)
         limits = self._of_limits[:, live.frames] / rho - limits
         speeds = self._of_speeds[:, live.steps] / rho - speeds

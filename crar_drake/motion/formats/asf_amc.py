@@ -34,7 +34,7 @@ _RADIANS_PER_UNIT = {"degrees": math.pi / 180.0, "radians": 1.0}
 class Bone:
     """One bone of a skeleton, in the file's y-up world at rest."""
 
-    name: str  # the bone's name, e.g. "lhumerus".
+    name: str  # the bone's name, e.g. "lhumerus"
     parent: str  # the parent bone's name; "root" for the bones at the root
     direction: np.ndarray  # (3,) unit vector from the bone's start to its end
     length: float  # distance from start to end [m]
@@ -118,9 +118,7 @@ class _Lines:
         # Unlike `splitlines`, as editors count them.
         for line in io.StringIO(read_motion_text(self.path)):
             self.number += 1
-            if "#" in line:
-                line = line[: line.index("#")]
-            words = line.split()
+            words = line.partition("#")[0].split()
             if words:
                 yield words
 

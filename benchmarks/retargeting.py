@@ -4,6 +4,7 @@ python -m benchmarks.retargeting g1_whole_body dance cmu:05_02 some.bvh ...
     [--page docs/measurements/retargeting.md]
 """
 
+import math
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,7 +14,6 @@ from crar_drake.errors import MotionError
 from crar_drake.references.retarget_file import RetargetedClip, retarget_file
 from crar_drake.robot.description import whole_body_name
 
-_DEGREE = 57.29577951308232
 HEADER = [
     "motion",
     "length",
@@ -32,11 +32,12 @@ def row(motion: str, clip: RetargetedClip) -> list[str]:
     """The figures of a motion."""
     kept = clip.cleaned
     beyond = kept.beyond_limit + kept.too_fast
-    knees = " / ".join(f"{_DEGREE * more:+.1f}°" for more, _ in clip.knees.values())
+    median, most = map(math.degrees, (clip.limbs_median, clip.limbs_most))
+    knees = " / ".join(f"{math.degrees(more):+.1f}°" for more, _ in clip.knees.values())
     return [
         motion,
         f"{(kept.frames - 1) / kept.rate:.1f} s",
-        f"{_DEGREE * clip.limbs_median:.1f}° / {_DEGREE * clip.limbs_most:.1f}°",
+        f"{median:.1f}° / {most:.1f}°",
         knees,
         f"{1e3 * clip.slip:.1f} / {1e3 * clip.leaving:.1f} mm",
         f"{1e3 * clip.lowest:.1f} mm",

@@ -11,6 +11,7 @@ is judged alike.
 """
 
 import json
+import math
 import subprocess
 import tempfile
 import xml.etree.ElementTree as ET
@@ -45,7 +46,6 @@ from crar_drake.trajectory.performer_targets import (
 )
 from crar_drake.trajectory.retargeted_motion import RATE
 
-_DEGREE = 57.29577951308232
 HEADER = [
     "motion",
     "by",
@@ -124,8 +124,8 @@ class Figures:
         return [
             self.motion,
             self.by,
-            f"{_DEGREE * self.limb:.1f}° / {_DEGREE * self.limb_95:.1f}°",
-            " / ".join(f"{_DEGREE * more:+.1f}°" for more in self.knees),
+            f"{math.degrees(self.limb):.1f}° / {math.degrees(self.limb_95):.1f}°",
+            " / ".join(f"{math.degrees(more):+.1f}°" for more in self.knees),
             f"{1e3 * self.slip:.0f} mm",
             f"{1e3 * self.lowest:.1f} mm",
             f"{self.penetrating} of {self.frames}",
@@ -148,7 +148,7 @@ def row_of_all(found: Sequence[Figures]) -> list[str]:
     )
     return [
         found[0].by,
-        f"{_DEGREE * median('limb'):.1f}° / {_DEGREE * median('limb_95'):.1f}°",
+        f"{math.degrees(median('limb')):.1f}° / {math.degrees(median('limb_95')):.1f}°",
         f"{1e3 * median('slip'):.0f} mm, {1e3 * max(x.slip for x in found):.0f} mm",
         f"{1e3 * median('lowest'):.1f} mm, {1e3 * min(x.lowest for x in found):.1f} mm",
         *(f"{100.0 * share:.1f} %" for share in shares),

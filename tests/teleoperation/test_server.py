@@ -270,13 +270,15 @@ def test_a_robot_that_is_beyond_its_limits_cannot_begin_there(made):
         motion.begin({})
 
 
-def test_of_a_flood_the_first_and_the_newest_are_judged(server, client):
+def test_of_a_flood_the_first_and_the_newest_are_judged(server, client, monkeypatch):
+    # By a clock that stands: of what is kept, all is judged that there is time for.
+    monkeypatch.setattr(module.time, "monotonic", lambda: 100.0)
     for k in range(200):
         client.send(targets(0.001 * k, left_wrist=[0.2, 0.2, 0.9]))
     server._receive()
     messages = server.statistics.messages
     assert messages["taken"] == 64 and messages["flooding"] == 200 - 64 - EACH
-    command = server.tick(0.0)  # a new period, a new budget
+    command = server.tick(100.0)  # a new period, a new budget
     assert command.of == pytest.approx(0.199)
     assert messages["taken"] == 64 + EACH and sum(messages.values()) == 200
     client.send(targets(0.21, left_wrist=[0.2, 0.2, 0.9]))

@@ -136,6 +136,20 @@ class _Lines:
             self.fail(f"{word} is not a finite number; repair the file")
         return values
 
+    def every(self, first: str, words: list[str]) -> np.ndarray:
+        """Returns the words of all lines that begin with `first`, as `numbers`."""
+        try:
+            values = np.array(list(map(float, words)))
+        except ValueError:
+            values = np.array([np.nan])
+        if not np.isfinite(values).all():
+            # They are read once more, to say where.
+            self.number = 0
+            for line in self:
+                if line[0] == first:
+                    self.numbers(line[1:])
+        return values
+
 
 def read_asf(path: str | os.PathLike[str]) -> Skeleton:
     """Reads an Acclaim skeleton.
@@ -408,7 +422,8 @@ def read_amc(
     counts = {bone.name: len(bone.dof) for bone in skeleton.bones.values()}
     counts["root"] = 6
     needed = [bone for bone, count in counts.items() if count > 0]
-    columns: dict[str, list[list[float]]] = {bone: [] for bone in needed}
+    # The numbers are read at last, all at once.
+    columns: dict[str, list[str]] = {bone: [] for bone in needed}
     frames = read = 0  # and so many of the bones in the last of them
     angle_unit = "degrees"
     stated_rate: float | None = None
@@ -417,7 +432,9 @@ def read_amc(
 
     def check_complete() -> None:
         if frames and read < len(needed):
-            missing = [bone for bone in needed if len(columns[bone]) < frames]
+            missing = [
+                bone for bone in needed if len(columns[bone]) < frames * counts[bone]
+            ]
             more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
             lines.fail(
                 f"frame {frames} ends without {', '.join(missing[:4])}{more}; "
@@ -428,15 +445,15 @@ def read_amc(
     for words in lines:
         bone = words[0]
         if bone in columns and frames > 0:
-            column = columns[bone]
-            if len(words) - 1 != counts[bone]:
+            column, count = columns[bone], counts[bone]
+            if len(words) - 1 != count:
                 lines.fail(
-                    f"{bone} needs {counts[bone]} values on skeleton "
+                    f"{bone} needs {count} values on skeleton "
                     f"{shown(skeleton.name)}, found {len(words) - 1}"
                 )
-            if len(column) == frames:
+            if len(column) == frames * count:
                 lines.fail(f"{bone} appears twice in frame {frames}")
-            column.append(lines.numbers(words[1:]))
+            column += words[1:]
             read += 1
         elif len(words) == 1 and bone.isascii() and bone.isdigit():
             check_complete()
@@ -470,7 +487,11 @@ def read_amc(
         lines.fail(f"the motion has {have}; at least 2 are needed")
     check_complete()
 
-    root = np.array(columns.pop("root"))
+    values = {
+        bone: lines.every(bone, column).reshape(frames, -1)
+        for bone, column in columns.items()
+    }
+    root = values.pop("root")
     rate, rate_source = frame_rate, "given"
     if rate is None:
         rate, rate_source = stated_rate, "file"
@@ -485,9 +506,7 @@ def read_amc(
         frame_rate=float(rate),
         root_position=root[:, :3] * skeleton.metres_per_unit,
         root_rotation=root[:, 3:] * radians_per_unit,
-        joints={
-            bone: np.array(rows) * radians_per_unit for bone, rows in columns.items()
-        },
+        joints={bone: rows * radians_per_unit for bone, rows in values.items()},
         rate_source=rate_source,
         angle_unit=angle_unit,
     )

@@ -1,6 +1,7 @@
 """Low-pass filtering and interpolation of recorded samples."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from pydrake.math import BsplineBasis
@@ -55,13 +56,21 @@ def low_pass(
             f"{frame_rate:g} Hz; it must lie between 0 and {frame_rate / 2.0:g} Hz"
         )
     # It takes most of a second, which nobody waits for who has no motion.
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
-    sections = butter(_ORDER, cutoff, fs=frame_rate, output="sos")
+    sections = _sections(frame_rate, cutoff)
     pad = math.ceil(_PAD_PERIODS * frame_rate / cutoff)
     widths = [(pad, pad)] + [(0, 0)] * (np.ndim(samples) - 1)
     extended = np.pad(samples, widths, mode="reflect", reflect_type="odd")
     return sosfiltfilt(sections, extended, axis=0, padtype=None)[pad:-pad]
+
+
+@lru_cache(maxsize=16)
+def _sections(frame_rate: float, cutoff: float) -> np.ndarray:
+    """The filter of `low_pass`, forwards, in sections of the second order."""
+    from scipy.signal import butter
+
+    return butter(_ORDER, cutoff, fs=frame_rate, output="sos")
 
 
 def spline(time: np.ndarray, samples: np.ndarray) -> BsplineTrajectory:

@@ -71,7 +71,18 @@ def write_certificate(path: Path, certificate: dict) -> None:
         WriteError: the file cannot be written.
     """
     with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(certificate, indent=1) + "\n")
+        temporary.write_text(_in_lines(certificate) + "\n")
+
+
+def _in_lines(certificate: dict) -> str:
+    """As JSON: a line for each entry of a list, and for what is no list."""
+    entries = []
+    for key, value in certificate.items():
+        text = json.dumps(value)
+        if isinstance(value, list) and value:
+            text = "[\n  " + ",\n  ".join(map(json.dumps, value)) + "\n ]"
+        entries.append(f" {json.dumps(key)}: {text}")
+    return "{\n" + ",\n".join(entries) + "\n}"
 
 
 def read_certificate(path: str | os.PathLike[str]) -> dict:

@@ -118,6 +118,7 @@ class Keeper:
         floor: distance that watched pairs keep at each frame [m].
         floor_between: and on each straight way to the next frame [m].
         velocity_scale: share of the robot's velocity limits that may be used.
+        meshes: are parted as well, if not None.
         room: (num_rows,) by how much farther apart pairs of shapes are asked to be,
             where they can; nothing is certified of it [m].
     """
@@ -133,8 +134,8 @@ class Keeper:
     ) -> None:
         """
         Args:
-            model, rate, floor, floor_between, velocity_scale: see the attributes.
-            meshes: are parted as well.
+            model, rate, floor, floor_between, velocity_scale, meshes: see the
+                attributes.
 
         Raises:
             ModelError: watched shapes are others than capsules, spheres and hulls.
@@ -146,7 +147,7 @@ class Keeper:
             )
         self.model, self.rate, self.rest = model, rate, model.rest_positions()
         self.floor, self.floor_between = floor, floor_between
-        self.velocity_scale, self._meshes = velocity_scale, meshes
+        self.velocity_scale, self.meshes = velocity_scale, meshes
         plant = model.plant
         self._reaches = hold(
             find_reaches(
@@ -273,11 +274,11 @@ class Keeper:
             effort=effort or Effort(),
         )
         solved = problem
-        if self._meshes is not None:
-            nowhere = np.zeros((self._meshes.num_pairs, frames), dtype=bool)
+        if self.meshes is not None:
+            nowhere = np.zeros((self.meshes.num_pairs, frames), dtype=bool)
             solved = self._with_meshes(problem, nowhere, 1)
         self._solve(solved, y, state, violating, range(_TRIES), progress)
-        if self._meshes is not None:
+        if self.meshes is not None:
             self._part_meshes(problem, y, state)
         return y, self._violating(state.margins), state.effort
 
@@ -349,7 +350,7 @@ class Keeper:
             problem, y, state: as of `_solve`.
         """
         q, before = self._joints(y), y.copy()
-        touching = self._meshes.touching(q)
+        touching = self.meshes.touching(q)
         where, violated = np.zeros_like(touching), self._violating(state.margins)
         was_worse = touching.any(axis=0) + len(y) * violated
         for number in range(_ROUNDS):
@@ -369,7 +370,7 @@ class Keeper:
             for start, end in _runs(spread((y != was).any(axis=1), 1)):
                 # What a frame does is known with the ways from and to its neighbours.
                 first = max(start - 1, 0)
-                found = self._meshes.touching(q[first : end + 1])
+                found = self.meshes.touching(q[first : end + 1])
                 touching[:, start:end] = found[:, start - first : end - first]
         changed = (y != before).any(axis=1)
         worse = touching.any(axis=0) + len(y) * self._violating(state.margins)
@@ -383,7 +384,7 @@ class Keeper:
 
     def _with_meshes(self, problem: Problem, where: np.ndarray, parts: int) -> Problem:
         """Also with rows of meshes; where and parts as of `Meshes`."""
-        of_meshes = self._meshes.near_rows(where, parts)
+        of_meshes = self.meshes.near_rows(where, parts)
 
         def near_rows(at: Samples, y: np.ndarray, look: float) -> NearRows:
             rows = of_meshes(at, self._joints(y), look)
@@ -393,7 +394,7 @@ class Keeper:
             rows = rows._replace(row=number, gradient=gradient)
             return join_rows(problem.near_rows(at, y, look), rows)
 
-        count = problem.num_rows + self._meshes.num_pairs
+        count = problem.num_rows + self.meshes.num_pairs
         return replace(problem, near_rows=near_rows, num_rows=count)
 
     def _lay_chords(self, y: np.ndarray, violating: np.ndarray) -> np.ndarray:

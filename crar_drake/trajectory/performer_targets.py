@@ -164,20 +164,22 @@ def performer_targets(
 
 def _ways(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
     """Name of LIMBS to (T, 3) from one end to the other, of those that there are."""
-    found = {}
-    for name, ((a, b), _) in LIMBS.items():
-        if not {a, b} <= set(performer.positions):
-            continue
-        ends = (performer.positions[joint] for joint in (b, a))
-        end, start = (low_pass(p, performer.frame_rate, cutoff) for p in ends)
-        norm = np.linalg.norm(end - start, axis=1)
+    places = performer.positions
+    ends = {name: of for name, (of, _) in LIMBS.items() if set(of) <= set(places)}
+    if not ends:
+        return {}
+    ways = np.stack([places[b] - places[a] for a, b in ends.values()])  # (limbs, T, 3)
+    ways = low_pass(ways.swapaxes(0, 1), performer.frame_rate, cutoff).swapaxes(0, 1)
+    found = dict(zip(ends, ways, strict=True))
+    for name, way in found.items():
+        norm = np.linalg.norm(way, axis=1)
         frame = int(norm.argmin())
         if not norm[frame] >= _SHORTEST:
+            a, b = ends[name]
             raise MotionError(
                 f"motion {performer.name}: {a} and {b} coincide in frame {frame + 1}, "
                 "so that the limb has no direction; check the skeleton's lengths"
             )
-        found[name] = end - start
     return found
 
 

@@ -156,6 +156,7 @@ class Retargeter:
         self._poses = model_of_links(description, self._links)
         self.rest = self.model.rest_positions()
         self._last = None, np.zeros(1, dtype=int), np.zeros((1, 0)), None
+        self._keeper: Keeper | None = None
         context = plant.CreateDefaultContext()
         plant.SetPositions(context, self.rest)
         self._context = context
@@ -200,8 +201,7 @@ class Retargeter:
         y = np.zeros((frames, ROOT + n))
         rest = self.rest[self.model.controlled_positions]
         y[:, ROOT:] = np.clip(rest, self._lower, self._upper)
-        keeper = Keeper(self.model, rate, p.floor, p.floor_between, meshes=meshes)
-        keeper.room[self._between_legs()] = p.between_legs
+        keeper = self._keeper_of(rate, meshes)
         problem = self._problem(targets, keeper, y)
         effort = Effort()
         y = keeper.found_without_rows(problem, y, effort)
@@ -304,6 +304,16 @@ class Retargeter:
             near_rows=NearRowsAndFloor(self, targets, keeper),
             num_rows=keeper.num_rows + len(self.floor_points),
         )
+
+    def _keeper_of(self, rate: float, meshes: Meshes | None) -> Keeper:
+        """Making one takes a tenth of a second: the last one is kept."""
+        if self._keeper is None or self._keeper.rate != rate:
+            p = self.parameters
+            keeper = Keeper(self.model, rate, p.floor, p.floor_between)
+            keeper.room[self._between_legs()] = p.between_legs
+            self._keeper = keeper
+        self._keeper.meshes = meshes
+        return self._keeper
 
     def _between_legs(self) -> np.ndarray:
         """Which pairs of shapes are of both legs."""

@@ -144,6 +144,55 @@ def move_points(
     return arms, J
 
 
+@compiled(loops=True)
+def lowest_points(
+    frames: np.ndarray,
+    links: np.ndarray,
+    points: np.ndarray,
+    radii: np.ndarray,
+    first: np.ndarray,
+    R: np.ndarray,
+    z: np.ndarray,
+    below: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of links with a point below a height: which of the frames (N,), which link of
+    those that are given (N,), its height (N,) [m] and where it is on the link (N, 3).
+
+    Args:
+        frames: (S,) which of K.
+        links, points, radii, first: see `Placed.lowest`.
+        R: (K, L, 3, 3).
+        z: (K, L) heights of the links' origins [m].
+        below: see above [m].
+    """
+    reach = np.zeros(len(links))
+    for i in range(len(links)):
+        for j in range(first[i], first[i + 1]):
+            a, b, c = points[j, 0], points[j, 1], points[j, 2]
+            reach[i] = max(reach[i], np.sqrt(a * a + b * b + c * c) + radii[j])
+    some = np.empty(len(frames) * len(links), np.int64)
+    number, lowest, d = np.empty_like(some), np.empty_like(some), np.empty(len(some))
+    used = 0
+    for s in range(len(frames)):
+        k = frames[s]
+        for i in range(len(links)):
+            link = links[i]
+            if z[k, link] >= below + reach[i]:
+                continue
+            x, y, up = R[k, link, 2, 0], R[k, link, 2, 1], R[k, link, 2, 2]
+            least, at = np.inf, 0
+            for j in range(first[i], first[i + 1]):
+                height = x * points[j, 0] + y * points[j, 1] + up * points[j, 2]
+                height -= radii[j]
+                if height < least:
+                    least, at = height, j
+            if least + z[k, link] < below:
+                some[used], number[used], lowest[used] = s, i, at
+                d[used] = least + z[k, link]
+                used += 1
+    return some[:used], number[:used], d[:used], points[lowest[:used]]
+
+
 class Placed:
     """The links of a robot at K frames, and what their points do there."""
 
@@ -212,6 +261,28 @@ class Placed:
         """
         arms, J = self._moved(frames, links, offsets)
         return self.root_positions[frames, 2] + arms[:, 2], J[:, 2]
+
+    def lowest(
+        self,
+        frames: np.ndarray,
+        links: np.ndarray,
+        points: np.ndarray,
+        radii: np.ndarray,
+        first: np.ndarray,
+        below: float,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The lowest points of links where these are below a height [m]; see
+        `lowest_points`.
+
+        Args:
+            frames: (S,) which of the K frames.
+            links: (I,) which of the tasks.
+            points, radii: (N, 3), (N,) balls on them, in their frames [m].
+            first: (I + 1,) where those of each begin.
+            below: see above.
+        """
+        z = self.root_positions[:, None, 2] + self.from_root[..., 2]
+        return lowest_points(frames, links, points, radii, first, self.R, z, below)
 
     def turns(self, links: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """Of links: R_WL (K, P, 3, 3), and angular Jacobians (K, P, 3, 6 + n)."""

@@ -69,7 +69,7 @@ def find_near_rows(
     nv, count = len(r.order), len(pairs.moves)
     shapes, most = pairs.shapes[:count], room.max() if len(room) else 0.0
     samples, rows = np.empty(_ROOM, np.int64), np.empty(_ROOM, np.int64)
-    d, g = np.empty(_ROOM), np.zeros((_ROOM, before + n))
+    d, g = np.empty(_ROOM), np.empty((_ROOM, before + n))
     used = 0
     for k in range(len(q)):
         X = link_poses(q[k : k + 1], tree, tree.every)
@@ -86,21 +86,20 @@ def find_near_rows(
                 samples = np.concatenate((samples, np.empty_like(samples)))
                 rows = np.concatenate((rows, np.empty_like(rows)))
                 d = np.concatenate((d, np.empty_like(d)))
-                g = np.concatenate((g, np.zeros_like(g)))
+                g = np.concatenate((g, np.empty_like(g)))
             samples[used], rows[used], d[used] = k, row, found[i]
             # As of `distance_gradient_about_origin`, of joints that move one alone.
             x, y, z = normal[i, 0], normal[i, 1], normal[i, 2]
             a = p[i, 1] * z - p[i, 2] * y
             b = p[i, 2] * x - p[i, 0] * z
             c = p[i, 0] * y - p[i, 1] * x
+            g[used, :before] = 0.0
             for j in range(n):
-                moves = pairs.moves[row, j]
-                if moves != 0.0:
-                    turn = a * S[0, j] + b * S[1, j] + c * S[2, j]
-                    slide = x * S[3, j] + y * S[4, j] + z * S[5, j]
-                    g[used, before + j] = moves * (turn + slide)
+                turn = a * S[0, j] + b * S[1, j] + c * S[2, j]
+                slide = x * S[3, j] + y * S[4, j] + z * S[5, j]
+                g[used, before + j] = pairs.moves[row, j] * (turn + slide)
             used += 1
-    return samples[:used].copy(), rows[:used].copy(), d[:used].copy(), g[:used].copy()
+    return samples[:used], rows[:used], d[:used], g[:used]
 
 
 @compiled

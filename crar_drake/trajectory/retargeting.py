@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from crar_drake.equations.compilation import compiled
 from crar_drake.errors import ModelError
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
@@ -35,7 +36,7 @@ from crar_drake.robot_import.link_outlines import (
     link_outlines,
     links_outward,
 )
-from crar_drake.trajectory.body_points import ROOT, Placed, model_of_links, skew
+from crar_drake.trajectory.body_points import ROOT, Placed, model_of_links
 from crar_drake.trajectory.distance_rows import (
     NearRows,
     join_rows,
@@ -302,7 +303,7 @@ class Retargeter:
             upper=np.concatenate([nowhere, self._upper]),
             fastest=np.concatenate([nowhere, fastest]),
             near_rows=NearRowsAndFloor(self, targets, keeper),
-            num_rows=keeper.num_rows + len(self.floor_points),
+            num_rows=keeper.num_rows + len(self.floor_points[0]),
         )
 
     def _keeper_of(self, rate: float, meshes: Meshes | None) -> Keeper:
@@ -388,8 +389,9 @@ class Retargeter:
         return np.array([[x, y, z.min()] for x in (x0, x1) for y in (y0, y1)])
 
     def _set_floor_points(self) -> None:
-        """Of each link with a shape which it is, and the points that can be its lowest
-        with the radii of balls about them."""
+        """Of each link with a shape, (K,), which it is, and the points that can be its
+        lowest, (N, 3) and (N,) the radii of balls about them, and where those of each
+        link begin (K + 1,)."""
         rng = np.random.default_rng(0)
         directions = rng.normal(size=(_OF_FEET, 3))
         feet = {
@@ -402,14 +404,21 @@ class Retargeter:
                 ),
             )
         }
-        self.floor_points = []
+        links, points, radii, first = [], [], [], [0]
         for link, outline in self._outlines.items():
             count = _OF_FEET if link in feet else _OF_LINKS
             far = outline.points @ directions[:count].T + outline.radii[:, None]
             some = np.unique(far.argmax(axis=0))
-            self.floor_points.append(
-                (self._links.index(link), outline.points[some], outline.radii[some])
-            )
+            links.append(self._links.index(link))
+            points.append(outline.points[some])
+            radii.append(outline.radii[some])
+            first.append(first[-1] + len(some))
+        self.floor_points = (
+            np.array(links),
+            np.concatenate(points),
+            np.concatenate(radii),
+            np.array(first),
+        )
 
     def _bent_as_a_person(self) -> tuple[np.ndarray, np.ndarray]:
         """(n,) limits of the joints, elbows and knees beyond straight on one side."""
@@ -477,11 +486,12 @@ class PersonTasks:
     def __init__(self, robot: Retargeter, targets: PerformerTargets) -> None:
         self._robot, self._targets = robot, targets
         p = robot.parameters
-        self._limbs = list(targets.directions)
-        ends = [LIMBS[limb][1] for limb in self._limbs]
+        limbs = list(targets.directions)
+        ends = [LIMBS[limb][1] for limb in limbs]
         self._limb_weights = np.array(
-            [p.head if limb == "head" else p.limb for limb in self._limbs]
+            [p.head if limb == "head" else p.limb for limb in limbs]
         )
+        self._directions = np.stack([targets.directions[x] for x in limbs], axis=1)
         starts, tips = zip(*ends, strict=True)
         start_links, start_offsets = robot.frame_points(starts)
         tip_links, tip_offsets = robot.frame_points(tips)
@@ -507,16 +517,19 @@ class PersonTasks:
         weights = p.standing * (stands | passes[..., None]).reshape(len(steps), 4)
         self.steps = steps.reshape(len(steps), 8)
         self.step_weights = np.repeat(weights, 2, axis=1)
-        self._hands = [
+        hands = [
             hand for hand in targets.hands if hand in robot.description.task_frames
         ]
-        self._hand_links, self._hand_turns = [], []
-        for hand in self._hands:
+        count = len(hands)
+        self._hand_links, self._hand_turns = [], np.empty((count, 3, 3))
+        self._hand_rotations = np.empty((len(on), count, 3, 3))
+        for number, hand in enumerate(hands):
             name = robot.description.task_frames[hand]
             frame = find_frame(robot.model.plant, name)
             self._hand_links += robot.frame_points([hand])[0]
             X_BF = frame.GetFixedPoseInBodyFrame()
-            self._hand_turns.append(X_BF.rotation().matrix())
+            self._hand_turns[number] = X_BF.rotation().matrix()
+            self._hand_rotations[:, number] = targets.hands[hand]
 
     def slip(self, y: np.ndarray) -> float:
         """By how much more than `MOST_SLIP` feet slip, all their contacts together [m].
@@ -572,46 +585,111 @@ class PersonTasks:
         targets, p = self._targets, self._robot.parameters
         placed = self._robot.placed(targets, frames, y)
         points, J = placed.points(self._links, self._offsets)
-        K, m, limbs = len(y), y.shape[1], len(self._limbs)
-        way = points[:, limbs : 2 * limbs] - points[:, :limbs]
-        length = np.linalg.norm(way, axis=2)[..., None]
-        u = way / length
-        wanted = np.stack([targets.directions[x][frames] for x in self._limbs], axis=1)
-        across = (np.eye(3) - u[..., None] * u[..., None, :]) / length[..., None]
-        weights = self._limb_weights[:, None]
-        r = [(weights * (u - wanted)).reshape(K, -1)]
-        turned = across @ (J[:, limbs : 2 * limbs] - J[:, :limbs])
-        jacobians = [(weights[..., None] * turned).reshape(K, -1, m)]
-
-        root = np.array([p.root, p.root, p.root_height, p.turn, p.turn, p.turn])
-        r.append(root * y[:, :ROOT])
-        of_root = np.zeros((K, ROOT, m))
-        of_root[:, np.arange(ROOT), np.arange(ROOT)] = root
-        jacobians.append(of_root)
-
-        soles, of_soles = points[:, 2 * limbs :], J[:, 2 * limbs :]
-        ends, of_ends = soles[:, :4, :2], of_soles[:, :4, :2]
-        weights = self._end_weights[frames]
-        r.append(weights * (ends - self._ends[frames][..., :2]).reshape(K, -1))
-        jacobians.append(weights[..., None] * of_ends.reshape(K, -1, m))
-        weights = self._height_weights[frames]
-        r.append(weights * (soles[:, 4:, 2] - self._heights[frames]))
-        jacobians.append(weights[..., None] * of_soles[:, 4:, 2])
-
-        if self._hands:
-            R, of_hands = placed.turns(self._hand_links)
-            wanted = np.stack([targets.hands[x][frames] for x in self._hands], axis=1)
-            axes = (R @ np.array(self._hand_turns)).swapaxes(-1, -2)  # as rows
-            off = axes - wanted.swapaxes(-1, -2)
-            r.append(0.5 * p.hand * off.reshape(K, -1))
-            turned = -skew(axes) @ of_hands[:, :, None]  # (K, H, 3, 3, m)
-            jacobians.append(0.5 * p.hand * turned.reshape(K, -1, m))
+        R, of_hands = placed.turns(self._hand_links)
         return AtFrames(
-            np.concatenate(r, axis=1),
-            np.concatenate(jacobians, axis=1),
-            ends.reshape(K, -1),
-            of_ends.reshape(K, -1, m),
+            *person_rows(
+                points,
+                J,
+                R @ self._hand_turns,
+                of_hands,
+                y,
+                self._limb_weights,
+                self._directions[frames],
+                np.array([p.root, p.root, p.root_height, p.turn, p.turn, p.turn]),
+                self._ends[frames],
+                self._end_weights[frames],
+                self._heights[frames],
+                self._height_weights[frames],
+                self._hand_rotations[frames],
+                0.5 * p.hand,
+            )
         )
+
+
+@compiled(loops=True)
+def person_rows(
+    points: np.ndarray,
+    J: np.ndarray,
+    hands: np.ndarray,
+    of_hands: np.ndarray,
+    y: np.ndarray,
+    limb_weights: np.ndarray,
+    directions: np.ndarray,
+    root_weights: np.ndarray,
+    ends: np.ndarray,
+    end_weights: np.ndarray,
+    heights: np.ndarray,
+    height_weights: np.ndarray,
+    hand_rotations: np.ndarray,
+    hand_weight: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The fields of `AtFrames`, of D limbs and H hands at K frames.
+
+    Args:
+        points, J: (K, P, 3) [m] and (K, P, 3, m), of `Placed.points`: where limbs
+            begin, where they end, four ends and eight corners of soles.
+        hands, of_hands: (K, H, 3, 3) R_WH and (K, H, 3, m), as of `Placed.turns`.
+        y: (K, m) unknowns.
+        limb_weights, directions: (D,), (K, D, 3) unit vectors that are wanted.
+        root_weights: (6,).
+        ends, end_weights: (K, 4, 3) [m], of which x and y count, (K, 8).
+        heights, height_weights: (K, 8) of the corners [m].
+        hand_rotations, hand_weight: (K, H, 3, 3) R_WH that are wanted.
+    """
+    K, m, limbs, count = len(y), y.shape[1], len(limb_weights), hands.shape[1]
+    rows = 3 * limbs + 22 + 9 * count
+    r, found = np.empty((K, rows)), np.zeros((K, rows, m))
+    f, G = np.empty((K, 8)), np.empty((K, 8, m))
+    u = np.empty(3)
+    for k in range(K):
+        for limb in range(limbs):
+            start, tip, row = J[k, limb], J[k, limbs + limb], 3 * limb
+            for c in range(3):
+                u[c] = points[k, limbs + limb, c] - points[k, limb, c]
+            length = np.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+            for c in range(3):
+                u[c] /= length
+                off = u[c] - directions[k, limb, c]
+                r[k, row + c] = limb_weights[limb] * off
+            by = limb_weights[limb] / length
+            for j in range(m):
+                a = tip[0, j] - start[0, j]
+                b = tip[1, j] - start[1, j]
+                c = tip[2, j] - start[2, j]
+                along = u[0] * a + u[1] * b + u[2] * c
+                found[k, row, j] = by * (a - along * u[0])
+                found[k, row + 1, j] = by * (b - along * u[1])
+                found[k, row + 2, j] = by * (c - along * u[2])
+        row = 3 * limbs
+        for i in range(6):
+            r[k, row + i] = root_weights[i] * y[k, i]
+            found[k, row + i, i] = root_weights[i]
+        for i in range(8):
+            row, point, c = 3 * limbs + 6 + i, 2 * limbs + i // 2, i % 2
+            f[k, i] = points[k, point, c]
+            r[k, row] = end_weights[k, i] * (f[k, i] - ends[k, i // 2, c])
+            for j in range(m):
+                G[k, i, j] = J[k, point, c, j]
+                found[k, row, j] = end_weights[k, i] * G[k, i, j]
+        for i in range(8):
+            row, point = 3 * limbs + 14 + i, 2 * limbs + 4 + i
+            lacks = points[k, point, 2] - heights[k, i]
+            r[k, row] = height_weights[k, i] * lacks
+            for j in range(m):
+                found[k, row, j] = height_weights[k, i] * J[k, point, 2, j]
+        for hand in range(count):
+            w = of_hands[k, hand]
+            for axis in range(3):
+                row = 3 * limbs + 22 + 9 * hand + 3 * axis
+                for c in range(3):
+                    u[c] = hand_weight * hands[k, hand, c, axis]
+                    wanted = hand_rotations[k, hand, c, axis]
+                    r[k, row + c] = u[c] - hand_weight * wanted
+                for j in range(m):
+                    found[k, row, j] = w[1, j] * u[2] - w[2, j] * u[1]
+                    found[k, row + 1, j] = w[2, j] * u[0] - w[0, j] * u[2]
+                    found[k, row + 2, j] = w[0, j] * u[1] - w[1, j] * u[0]
+    return r, found, f, G
 
 
 class NearRowsAndFloor:
@@ -637,21 +715,7 @@ class NearRowsAndFloor:
         robot = self._robot
         samples = np.flatnonzero(at.share == 0.0)
         placed, k = robot.placed_before(self._targets, at.frame[samples], y[samples])
-        heights = placed.root_positions[k, None, 2] + placed.from_root[k, :, 2]
-        rows = []
-        for number, (link, points, radii) in enumerate(robot.floor_points):
-            reach = (np.linalg.norm(points, axis=1) + radii).max()
-            some = np.flatnonzero(heights[:, link] < look + reach)
-            z = placed.R[k[some], link, 2] @ points.T - radii
-            z += heights[some, link, None]
-            lowest = z.argmin(axis=1)
-            d = z[np.arange(len(some)), lowest]
-            low = d < look
-            links = np.full(np.count_nonzero(low), link)
-            number = np.full(len(links), number)
-            rows.append((some[low], number, d[low], links, points[lowest[low]]))
-        some, number, d, links, points = (
-            np.concatenate(each) for each in zip(*rows, strict=True)
-        )
+        some, number, d, points = placed.lowest(k, *robot.floor_points, look)
+        links = robot.floor_points[0][number]
         _, g = placed.heights(k[some], links, points)
         return NearRows(samples[some], self._keeper.num_rows + number, d, g)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -80,7 +82,7 @@ def find_change(before: RobotMotion, after: RobotMotion, robot: WholeBody) -> Ch
         robot: that moves.
     """
     joints = after.joint_positions - before.joint_positions
-    feet, hands = (_moved(before, after, robot, frames) for frames in (FEET, HANDS))
+    feet, hands = _moved(before, after, robot, (FEET, HANDS))
     root = np.linalg.norm(after.root_positions - before.root_positions, axis=1)
     return Change(
         joints_rms=rms(joints),
@@ -97,27 +99,36 @@ def find_change(before: RobotMotion, after: RobotMotion, robot: WholeBody) -> Ch
 
 
 def _moved(
-    before: RobotMotion, after: RobotMotion, robot: WholeBody, frames: tuple[str, ...]
-) -> np.ndarray:
-    """(T, L) how far the links of task frames are apart [m]; NaN without any."""
+    before: RobotMotion,
+    after: RobotMotion,
+    robot: WholeBody,
+    kinds: Sequence[tuple[str, ...]],
+) -> Iterator[np.ndarray]:
+    """Of each kind of task frames, (T, L) how far their links are apart [m]; NaN
+    without any."""
     task_frames = robot.description.task_frames
-    links = tuple(
-        find_frame(robot.plant, task_frames[f]).body().name()
-        for f in frames
-        if f in task_frames
-    )
-    if not links:
-        return np.full((1, 1), np.nan)
+    links = [
+        [
+            find_frame(robot.plant, task_frames[frame]).body().name()
+            for frame in frames
+            if frame in task_frames
+        ]
+        for frames in kinds
+    ]
+    every = tuple(chain.from_iterable(links))
     was, now = (
         motion.root_positions[:, None]
         + np.einsum(
             "tij,tlj->tli",
             motion.root_rotations.as_matrix(),
-            robot.poses_in_root(motion.joint_positions, links)[0],
+            robot.poses_in_root(motion.joint_positions, every)[0],
         )
         for motion in (before, after)
     )
-    return np.linalg.norm(now - was, axis=2)
+    moved, first = np.linalg.norm(now - was, axis=2), 0
+    for of in links:
+        yield moved[:, first : first + len(of)] if of else np.full((1, 1), np.nan)
+        first += len(of)
 
 
 def find_frozen(before: RobotMotion, after: RobotMotion) -> np.ndarray:

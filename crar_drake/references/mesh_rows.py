@@ -108,21 +108,22 @@ class MeshRows:
             q: (S, nq) positions of the plant at the samples.
             where: as of `trajectory.keeping.Meshes`.
         """
-        columns, rows = self._columns(), []
+        columns, rows, look = self._columns(), [], min(look, _LOOK)
         # What is beyond a limit will not stay so: no cells are measured for it.
         inside = np.clip(q, self._lower, self._upper)
         for row, grid in self._grids.items():
             both = grid.table.columns
             d, slopes = grid.find(inside[:, both])
-            slopes *= inside[:, both] == q[:, both]
-            d -= self._asked[row]
-            some = np.flatnonzero((d < min(look, _LOOK)) & ~where[row, at.frame])
-            if not len(some):
+            near = d < self._asked[row] + look
+            if not near.any():
                 continue
+            some = np.flatnonzero(near & ~where[row, at.frame])
+            d, slopes = d[some] - self._asked[row], slopes[some]
+            slopes *= inside[some[:, None], both] == q[some[:, None], both]
             gradient = np.zeros((len(some), len(columns)))
-            gradient[:, columns] = slopes[some] @ self._moves[row]
+            gradient[:, columns] = slopes @ self._moves[row]
             number = np.full(len(some), row)
-            rows.append(NearRows(some, number, d[some], gradient))
+            rows.append(NearRows(some, number, d, gradient))
         return rows
 
     def _columns(self) -> list[int]:

@@ -655,17 +655,18 @@ def _share_of_way(straight, lacks, going, weights) -> float:
         lacks, going, weights: c, g and rho of several kinds of rows.
     """
 
+    rows = []
+    for c, g, rho in zip(lacks, going, weights, strict=True):
+        some = np.maximum(c, c - g) > 0.0
+        rows.append((c[some], g[some], np.full(np.count_nonzero(some), rho)))
+    c, g, rho = (np.concatenate(each) for each in zip(*rows, strict=True))
+
     def height(u: float) -> float:
-        found = u * straight[0] + 0.5 * u * u * straight[1]
-        for c, g, rho in zip(lacks, going, weights, strict=True):
-            found += 0.5 * rho * np.sum(np.maximum(0.0, c - u * g) ** 2)
-        return found
+        lack = np.maximum(0.0, c - u * g)
+        return u * straight[0] + 0.5 * (u * u * straight[1] + rho @ (lack * lack))
 
     def slope(u: float) -> float:
-        found = straight[0] + u * straight[1]
-        for c, g, rho in zip(lacks, going, weights, strict=True):
-            found -= rho * np.vdot(g, np.maximum(0.0, c - u * g))
-        return found
+        return straight[0] + u * straight[1] - (rho * g) @ np.maximum(0.0, c - u * g)
 
     # It leads to the least of the rows that count at its start; those that it meets
     # count in the next active set.

@@ -64,7 +64,7 @@ from crar_drake.references.near_parts import near_approach
 from crar_drake.references.pair_tables import PairTable
 from crar_drake.references.whole_body import WholeBody
 
-# A bound is sought until it is half the distance, or so much, by default [m]; those of
+# A bound is sought until it is half the distance, or so much [m]; those of
 # tables are less close.
 _ENOUGH = 5e-3
 
@@ -133,6 +133,8 @@ class ClearanceOfMeshes:
         self._a_alone = moved_by[a] & ~moved_by[b]  # (P, nv)
         self._b_alone = moved_by[b] & ~moved_by[a]
         self.tables = self._find_tables()
+        # What was asked last is often asked again. None is equal to nothing.
+        self._last: tuple[np.ndarray | None, MeshClearance | None] = None, None
 
     def _find_tables(self) -> dict[int, PairTable]:
         """Of the pairs with two joints between them, by number."""
@@ -190,15 +192,12 @@ class ClearanceOfMeshes:
         """Distances that were measured for tables."""
         return sum(table.num_measured for table in self.tables.values())
 
-    def find(
-        self, joint_positions: np.ndarray, enough: float = _ENOUGH
-    ) -> MeshClearance:
+    def find(self, joint_positions: np.ndarray) -> MeshClearance:
         """What the pairs keep on a motion.
 
         Args:
             joint_positions: (T, n), in the order of the robot's `joint_names` [rad or
                 m].
-            enough: bounds are sought until they are half the distance, or so much [m].
 
         Raises:
             MotionError: there is no frame, or a position is no number, or beyond 1e5.
@@ -211,16 +210,20 @@ class ClearanceOfMeshes:
             frame, joint = bad[0]
             name = self.robot.joint_names[joint]
             raise MotionError(f"frame {frame + 1}: joint {name!r} is {q[frame, joint]}")
+        if np.array_equal(q, self._last[0]):
+            return self._last[1]
+        asked = q.copy()
         q, parts, measured = self.robot.configurations(q), [], 0
         for start in range(0, max(1, len(q) - 1), _BLOCK):
-            part = _Search(self, q[start : start + _BLOCK + 1], enough).clearance()
+            part = _Search(self, q[start : start + _BLOCK + 1]).clearance()
             # A frame in which one part ends and the next begins is in both.
             inner = slice(None, None if start + _BLOCK >= len(q) - 1 else -1)
             of_frames = part.at_frames[:, inner], part.touch_at[:, inner]
             parts.append((of_frames[0], part.on_ways, of_frames[1], part.touch_on))
             measured += part.num_measured
         arrays = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
-        return MeshClearance(self.meshes.pairs, *arrays, measured)
+        self._last = asked, MeshClearance(self.meshes.pairs, *arrays, measured)
+        return self._last[1]
 
     def advance(self, q: np.ndarray, R: np.ndarray, p: np.ndarray) -> np.ndarray:
         """(P, T - 1) by how much each pair can come nearer on each way: of (M1) [m].
@@ -356,15 +359,13 @@ def swept(
 class _Search:
     """Of one motion: what is known of the pairs' distances so far."""
 
-    def __init__(self, robot: ClearanceOfMeshes, q: np.ndarray, enough: float) -> None:
+    def __init__(self, robot: ClearanceOfMeshes, q: np.ndarray) -> None:
         """
         Args:
             robot: whose motion it is.
             q: (T, nq) positions of the plant.
-            enough: as of `ClearanceOfMeshes.find`.
         """
         self._robot, self._meshes, self._q = robot, robot.meshes, q
-        self._enough = enough
         self._rows, links = self._meshes.rows, self._meshes.meshes
         frames = np.array([mesh.frame for mesh in links], dtype=int)
         self._frames = frames[self._rows]  # (P, 2)
@@ -451,7 +452,7 @@ class _Search:
         # Sums are rounded: what is not clearly nearer than `_NEAR` may be far.
         high[near] = np.where(farthest < 0.999 * _NEAR, farthest, high[near])
         self._low[some] = low
-        return np.minimum(self._enough, 0.5 * high)
+        return np.minimum(_ENOUGH, 0.5 * high)
 
     def _on_parts(self, first, last, nearer, nearer_if_near) -> np.ndarray:
         """(M2) from the distances at the ends of parts of ways, of both advances."""
@@ -507,7 +508,7 @@ class _Search:
                 width * steps[pair, way] for steps in (self._steps, self._near_steps)
             )
             bound = self._on_parts(first, last, nearer, of_near)
-            enough = bound >= np.minimum(self._enough, 0.5 * np.minimum(first, last))
+            enough = bound >= np.minimum(_ENOUGH, 0.5 * np.minimum(first, last))
             nearer = np.where(np.minimum(first, last) < _NEAR, of_near, nearer)
             done = enough | (nearer < _FINEST) | touch[pair, way]
             at = pair[done], way[done]

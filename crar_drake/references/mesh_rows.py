@@ -58,7 +58,7 @@ class MeshRows:
 
     def touching(self, q: np.ndarray) -> np.ndarray:
         """See `trajectory.keeping.Meshes`."""
-        found = self._clearance.find(q[:, self._columns()], _CLEAR)
+        found = self._clearance.find(q[:, self._columns()])
         touching = found.at_frames < _CLEAR
         ways = found.on_ways < _CLEAR
         touching[:, :-1] |= ways

@@ -42,17 +42,9 @@ class Normal:
             some: (K,) which.
             b: (K, m) of them.
         """
-        by_one, by_two = np.diff(some) == 1, some[2:] - some[:-2] == 2
-        S, E = self.S[some[:-1][by_one]], self.E[some[:-2][by_two]]
-        m = b.shape[1]
-        part = Normal(
-            self.D[some],
-            np.zeros((max(len(some) - 1, 0), m, m)),
-            np.zeros((max(len(some) - 2, 0), m)),
-            b,
-        )
-        part.S[by_one], part.E[by_two] = S, E
-        return part
+        S, E = self.S[some[:-1]], self.E[some[:-2]]
+        S[np.diff(some) != 1], E[some[2:] - some[:-2] != 2] = 0.0, 0.0
+        return Normal(self.D[some], S, E, b)
 
     def add_to_diagonal(self, frames: np.ndarray, values: np.ndarray) -> None:
         """Adds (K, m) values to the diagonals of the blocks D of K different frames."""

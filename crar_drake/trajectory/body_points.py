@@ -160,9 +160,10 @@ def lowest_points(
 
     Args:
         frames: (S,) which of K.
-        links, points, radii, first: see `Placed.lowest`.
-        R: (K, L, 3, 3).
-        z: (K, L) heights of the links' origins [m].
+        links: (I,) which of L.
+        points, radii: (N, 3), (N,) balls on them, in their frames [m].
+        first: (I + 1,) where those of each begin.
+        R, z: R_WL (K, L, 3, 3) and heights (K, L) of the links' origins [m].
         below: see above [m].
     """
     reach = np.zeros(len(links))
@@ -261,28 +262,6 @@ class Placed:
         """
         arms, J = self._moved(frames, links, offsets)
         return self.root_positions[frames, 2] + arms[:, 2], J[:, 2]
-
-    def lowest(
-        self,
-        frames: np.ndarray,
-        links: np.ndarray,
-        points: np.ndarray,
-        radii: np.ndarray,
-        first: np.ndarray,
-        below: float,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """The lowest points of links where these are below a height [m]; see
-        `lowest_points`.
-
-        Args:
-            frames: (S,) which of the K frames.
-            links: (I,) which of the tasks.
-            points, radii: (N, 3), (N,) balls on them, in their frames [m].
-            first: (I + 1,) where those of each begin.
-            below: see above.
-        """
-        z = self.root_positions[:, None, 2] + self.from_root[..., 2]
-        return lowest_points(frames, links, points, radii, first, self.R, z, below)
 
     def turns(self, links: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """Of links: R_WL (K, P, 3, 3), and angular Jacobians (K, P, 3, 6 + n)."""

@@ -36,7 +36,12 @@ from crar_drake.robot_import.link_outlines import (
     link_outlines,
     links_outward,
 )
-from crar_drake.trajectory.body_points import ROOT, Placed, model_of_links
+from crar_drake.trajectory.body_points import (
+    ROOT,
+    Placed,
+    lowest_points,
+    model_of_links,
+)
 from crar_drake.trajectory.distance_rows import (
     NearRows,
     join_rows,
@@ -715,7 +720,10 @@ class NearRowsAndFloor:
         robot = self._robot
         samples = np.flatnonzero(at.share == 0.0)
         placed, k = robot.placed_before(self._targets, at.frame[samples], y[samples])
-        some, number, d, points = placed.lowest(k, *robot.floor_points, look)
+        z = placed.root_positions[:, None, 2] + placed.from_root[..., 2]
+        some, number, d, points = lowest_points(
+            k, *robot.floor_points, placed.R, z, look
+        )
         links = robot.floor_points[0][number]
         _, g = placed.heights(k[some], links, points)
         return NearRows(samples[some], self._keeper.num_rows + number, d, g)

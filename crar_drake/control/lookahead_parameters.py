@@ -36,8 +36,8 @@ _USUAL = {
     # With one they do anyway; more damping holds arms back that go around each other
     # (docs/measurements/presets.md). As many rows leave next to nothing free, and what
     # they need the least is pulled aside (docs/measurements/crossings.md).
-    "nominal_posture_gain": (30.0, 40.0, 5.0),  # [1/s^2]
-    "GvN": (None, 20.0, 10.0),  # [1/s], None for Gv
+    "nominal_posture_gain": (30.0, 40.0, 1.0),  # [1/s^2]
+    "GvN": (None, 20.0, 3.0),  # [1/s], None for Gv
 }
 # T with a preview [s], but so many periods at least, for the theorem asks for one. It
 # is short since a plan sees obstacles coming: a robot may be near them at speed.

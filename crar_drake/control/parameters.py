@@ -109,7 +109,7 @@ class CrarParameters:
         Kv: acceleration-level velocity gain [1/s]; by default 2 sqrt(Kp).
         Gv: joint velocity gain, Eq. (30) [1/s].
         GvN: null-space gain, Eq. (33) [1/s]; by default Gv, and with a preview 20, or
-            10 where there are as many task rows as joints or more.
+            3 where there are as many task rows as joints or more.
         Gv_near: adaptive gains, for constraints "paper": Gv then holds away from
             the constraints and this near them, joint by joint [1/s], see
             `equations.resolved_acceleration.adaptive_gain`; GvN goes along unless it is
@@ -128,7 +128,7 @@ class CrarParameters:
             joints leave a choice, elbows stay bent and joints off their limits. The
             posture is the input port "nominal_posture", or where nothing is connected
             the robot's rest posture; 0 leaves the port out. By default 30 with
-            constraints "lookahead", 40 with a preview, or 5 where there are as many
+            constraints "lookahead", 40 with a preview, or 1 where there are as many
             task rows as joints or more, and 0 with the others, which are the paper to
             the letter.
         respect_effort_limits: whether the commanded torque stays within the effort

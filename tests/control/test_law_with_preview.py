@@ -213,8 +213,8 @@ def test_a_preview_brings_its_own_defaults():
     assert PREVIEW.braking_horizon == 0.012
     assert replace(PREVIEW, period=0.02).braking_horizon == pytest.approx(0.032)
     assert (PREVIEW.posture_gain, PREVIEW.null_space_gain) == (40.0, 20.0)
-    assert PREVIEW.null_space_gains(crowded=True) == (10.0, 5.0)
-    assert replace(PREVIEW, GvN=7.0).null_space_gains(crowded=True) == (7.0, 5.0)
+    assert PREVIEW.null_space_gains(crowded=True) == (3.0, 1.0)
+    assert replace(PREVIEW, GvN=7.0).null_space_gains(crowded=True) == (7.0, 1.0)
     assert AHEAD.filled(5e-3, plans=True).nominal_speed_limit == 9.0
     assert WITHOUT.braking_horizon == pytest.approx(2.5 / 30.0)
     assert (WITHOUT.posture_gain, WITHOUT.null_space_gain) == (30.0, 30.0)

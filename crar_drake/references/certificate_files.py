@@ -90,7 +90,10 @@ def read_certificate(path: str | os.PathLike[str]) -> dict:
     try:
         certificate = json.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise CrarError(f"{path}: there is no certificate; {_WHENCE}") from None
+        raise CrarError(
+            f"{path}: there is no certificate; {_WHENCE}, and a log of `crar-drake "
+            "run` needs none"
+        ) from None
     except IsADirectoryError:
         raise CrarError(f"{path}: is no certificate, but a folder; {_WHENCE}") from None
     except json.JSONDecodeError as error:

@@ -445,8 +445,7 @@ def tracking_tables(motions: Sequence[str], errors: Sequence[float]) -> list[Tab
         moment = find_moment(found)
         runs[motion] = found
         moments[motion] = moment.time, moment.hand, moment.towards
-    ahead = LookaheadParameters()
-    floor = ahead.distance_margin - ahead.admission_slack
+    floor = LookaheadParameters().floor
     return [
         filter_table(run_filter_faults(error, runs, moments), error, floor)
         for error in errors

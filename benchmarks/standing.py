@@ -169,7 +169,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seconds", type=float, default=10.0, help="of a run")
     add_seeds(parser, "standing")
     parser.add_argument("--pelvis", action="store_true", help="sways and squats")
-    options = benchmark.parse(argv, lambda _: "swings")
+    options = benchmark.parse(argv, lambda of: "pelvis" if of.pelvis else "swings")
     seeds = [
         run_all(options.runs, options.seconds, seed, options.pelvis)
         for seed in options.seeds

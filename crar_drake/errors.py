@@ -6,6 +6,7 @@ The command line prints them without a traceback and exits with code 2.
 import difflib
 import math
 import os
+import re
 from collections.abc import Iterable, Sequence
 
 
@@ -74,9 +75,31 @@ _MOST_NAMES = 40
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """The end of an error message: "; did you mean x?" or the names there are."""
+    """The end of an error message: "; did you mean x?" or the names there are.
+
+    It may lack a letter. Else names are meant that have its words, or begin with them,
+    or whose words it has: --rate is --frame-rate, and --out-dir is --out. Else what is
+    spelled alike.
+    """
     known = sorted(set(known))
-    close = difflib.get_close_matches(name, known, n=1)
+    # What most names have in common, as the dashes of options, is no likeness.
+    typed, words = {each.lstrip("-"): each for each in known}, _words(name)
+    like = [each for each in typed if words and _is_part(words, _words(each))]
+    close: list[str] = []
+    for among, most, least in ((typed, 1, 0.85), (like, 3, 0.0), (typed, 1, 0.6)):
+        close = close or difflib.get_close_matches(name.lstrip("-"), among, most, least)
     if close:
-        return f"; did you mean {close[0]!r}?"
+        *others, last = [repr(typed[each]) for each in close]
+        meant = f"{', '.join(others)} or {last}" if others else last
+        return f"; did you mean {meant}?"
     return f"; known are {few(known, _MOST_NAMES)}" if known else ""
+
+
+def _words(name: str) -> list[str]:
+    return re.findall(r"[^\W_]+", name.lower())
+
+
+def _is_part(words: list[str], of: list[str]) -> bool:
+    """Whether each word begins one of the other name, or these all are among them."""
+    begun = all(any(each.startswith(word) for each in of) for word in words)
+    return begun or (bool(of) and set(of) <= set(words))

@@ -100,8 +100,7 @@ class Stage:
         if kind == "fast":
             found = starts.fast(*robot, self.parameters.braking_horizon)
         elif kind == "touching":
-            floor = ahead.distance_margin - ahead.admission_slack
-            found = starts.touching(*robot, floor)
+            found = starts.touching(*robot, ahead.floor)
         else:
             found = getattr(starts, kind)(*robot)
         self._place_at(*found)

@@ -239,7 +239,7 @@ def drive_filter(
     if kind == "fast":
         q, v = starts.fast(*of, filter.parameters.braking_horizon)
     elif kind == "touching":
-        q, v = starts.touching(*of, ahead.distance_margin - ahead.admission_slack)
+        q, v = starts.touching(*of, ahead.floor)
     else:
         q, v = getattr(starts, kind)(*of)
     room = Room(filter, judge, q, rng)

@@ -87,7 +87,7 @@ def play_and_judge(
     filter, judge = subject.filter(case.period)
     done = drive_filter(filter, judge, case.attack, num_steps, lineage[0])
     law = filter.parameters
-    floor = law.lookahead.distance_margin - law.lookahead.admission_slack
+    floor = law.lookahead.floor
     rng = np.random.default_rng([lineage[0], 2])
     verdict = judge.judge(done.q, done.v, law.braking_horizon, rng, floor=floor)
     return done, verdict
@@ -124,9 +124,7 @@ def judge_episode(
     """What the independent judge says of it."""
     laws = episode.laws(len(done.q))
     horizon = np.array([law.braking_horizon for law in laws])
-    floor = min(
-        law.lookahead.distance_margin - law.lookahead.admission_slack for law in laws
-    )
+    floor = min(law.lookahead.floor for law in laws)
     if done.per_step > 1:  # a plant under torque is not the one of the theorem
         floor = 0.0
     rng = np.random.default_rng([lineage[0], 2])

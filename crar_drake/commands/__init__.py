@@ -149,10 +149,8 @@ def parse(parser: Parser, argv: Sequence[str] | None) -> argparse.Namespace:
         first = unknown[0]
         if first.startswith("-"):
             option = first.partition("=")[0]
-            chosen.error(
-                f"unknown option {option}"
-                f"{nearest(option, chosen._option_string_actions)}"
-            )
+            known = [each for each in chosen._option_string_actions if each != "-h"]
+            chosen.error(f"unknown option {option}{nearest(option, known)}")
         chosen.error(f"unexpected argument {first!r}")
     return arguments
 

@@ -208,7 +208,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if out.is_dir():
         out = out / reference.name
-    if out.suffix.lower() != reference.suffix.lower():
+    if reference.is_file() and out.suffix.lower() != reference.suffix.lower():
         raise UsageError(
             f"--out: {out} must end in {reference.suffix}, as the reference does"
         )

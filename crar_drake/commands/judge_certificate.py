@@ -1,11 +1,10 @@
 """`crar-drake judge --certificate`: whether a cleaned motion's certificate holds."""
 
 import argparse
-import sys
 from pathlib import Path
 
-from crar_drake.commands.output import counted, final_line
-from crar_drake.errors import CrarError, MotionError
+from crar_drake.commands.output import counted, final_line, tell_failure
+from crar_drake.errors import CrarError, MotionError, printable
 
 # Sentences of what refutes a certificate that are reported.
 _MOST_LINES = 10
@@ -39,7 +38,7 @@ def judge_certificates(arguments: argparse.Namespace) -> int:
         try:
             refuted += not _judge(motion, arguments.robot)
         except CrarError as error:
-            print(f"crar-drake: error: {error}", file=sys.stderr)
+            tell_failure(error)
             unusable += 1
     untrue = counted(refuted, "certificate", f"of {len(motions)} not true")
     if unusable:
@@ -96,7 +95,7 @@ def _judge(motion: Path, robot: str | None) -> bool:
         return True
     print(f"{place}: DOES NOT HOLD")
     for line in check.refuted[:_MOST_LINES]:
-        print(f"  {line}")
+        print(f"  {printable(line)}")
     if len(check.refuted) > _MOST_LINES:
         print(f"  and {len(check.refuted) - _MOST_LINES} more")
     return False

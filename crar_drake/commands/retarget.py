@@ -187,7 +187,7 @@ def _lines(clip: RetargetedClip) -> list[str]:
         f"{math.degrees(clip.limbs[clip.farthest][1]):.1f} deg)",
         f"knees bend more than the person's by (median, and 95 %): {knees}",
         f"planted feet slip by at most {1e3 * clip.slip:.1f} mm, the lowest point is "
-        f"{1e3 * clip.lowest:+.1f} mm over the floor",
+        f"{1e3 * clip.lowest:+z.1f} mm over the floor",
         f"nearest links {1e3 * cleaned.nearest:.1f} mm apart, on ways between frames "
         f"at least {1e3 * cleaned.between:.1f} mm",
         *balance_lines(cleaned),

@@ -65,6 +65,9 @@ class EffortLimits:
 
     def __init__(self, model: ControlModel, mode: Mode, gains: CrarParameters) -> None:
         self.limits = gains.effort_limits(model)
+        # What is found may be NO_EXCESS beyond what is asked for, and is not to be
+        # clipped: then the robot would not do what was admitted.
+        self._aimed = (1.0 - NO_EXCESS) * self.limits
         # Without limits the inertias would be computed for nothing.
         self.finite = bool(np.isfinite(self.limits).any())
         self._model, self._period = model, float(gains.period)
@@ -108,7 +111,7 @@ class EffortLimits:
         actuation = self._model.inverse_dynamics(workspace, vdot)
         nominal = self._effort(workspace, vdot, actuation)
         joints = self._model.controlled
-        self._nearest(workspace, measured, nominal, self.limits, joints)
+        self._nearest(workspace, measured, nominal, self._aimed, joints)
 
     def limit(
         self,
@@ -147,11 +150,12 @@ class EffortLimits:
                 )
             else:
                 found = self._unlimited(measured, vdot, actuation, self._period)
-        solution.acceleration, solution.actuation = found.vdot, found.actuation
-        solution.torque_limit, solution.position_command = (
-            found.torque_limit,
-            found.after,
-        )
+        actuation, torque_limit = found.actuation, found.torque_limit
+        if torque_limit[1] > 0.0:  # it was clipped to what was asked for
+            actuation = self._model.inverse_dynamics(workspace, found.vdot)
+            actuation, torque_limit[1] = self.clipped(actuation)
+        solution.acceleration, solution.actuation = found.vdot, actuation
+        solution.torque_limit, solution.position_command = torque_limit, found.after
         if found.reported:
             solution.of_mode = {**solution.of_mode, **found.reported}
 
@@ -162,9 +166,9 @@ class EffortLimits:
             workspace: at the state of the control step.
 
         Returns:
-            (nu, nv + 2) A, b and limit of each, by which |A q_ddot + b| is to be at
-            most the limit, with accelerations in the robot's order; (0, nv + 2) if no
-            motor has a limit.
+            (nu, nv + 2) A, b and what is asked for of each limit, by which
+            |A q_ddot + b| is to be at most that, with accelerations in the robot's
+            order; (0, nv + 2) if no motor has a limit.
         """
         model = self._model
         if not self.finite:
@@ -173,7 +177,7 @@ class EffortLimits:
         A = model.effort_per_acceleration(workspace)
         np.take(A, model.order, axis=1, out=rows[:, :-2])
         rows[:, -2] = model.inverse_dynamics(workspace, self._still)
-        rows[:, -1] = self.limits
+        rows[:, -1] = self._aimed
         return rows
 
     def within(self, workspace: Workspace, vdot: np.ndarray) -> bool:
@@ -216,7 +220,7 @@ class EffortLimits:
     ) -> _Candidate:
         """What is within the limits (nu,) at this period's torque ticks, too, by what
         `within` finds of limits at the control tick."""
-        limits = self.limits
+        limits = self._aimed
         found = within(limits)
         for _ in range(_TRIES):
             excess = self._excess_to_come(workspace, measured, found)
@@ -224,7 +228,7 @@ class EffortLimits:
                 break
             # From what it is now, for the limit itself need not bind yet.
             lowered = np.minimum(limits, np.abs(found.actuation)) - _GROWTH * excess
-            lowered = np.maximum(lowered, _MOST_FREE * self.limits)
+            lowered = np.maximum(lowered, _MOST_FREE * self._aimed)
             limits = np.where(excess > 0.0, lowered, limits)
             again = within(limits)
             if again.torque_limit[1] > NO_EXCESS:
@@ -240,7 +244,7 @@ class EffortLimits:
         limits: np.ndarray,
     ) -> _Candidate:
         """What the mode finds within limits (nu,), over the horizon that it chooses."""
-        if limits is not self.limits:
+        if limits is not self._aimed:
             rows = rows.copy()
             rows[:, -1] = limits
         found, reported = self._mode.limited(measured, vdot, rows)
@@ -332,7 +336,10 @@ class EffortLimits:
             actuation, limit[1] = clip_torque(actuation, limits)
             after = self._unlimited(measured, vdot, actuation, self._period).after
         limit[0] = share_of_nominal(
-            vdot, nominal.vdot, measured.v, model.controlled, self._horizon
+            vdot[model.order],
+            nominal.vdot[model.order],
+            measured.v[model.controlled],
+            self._horizon,
         )
         return _Candidate(vdot, actuation, limit, after, reported)
 

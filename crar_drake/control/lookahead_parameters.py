@@ -191,6 +191,11 @@ class LookaheadParameters:
             )
 
     @property
+    def floor(self) -> float:
+        """d_0, the distance that admitted paths keep [m]."""
+        return self.distance_margin - self.admission_slack
+
+    @property
     def planned_smoothness(self) -> float:
         """rho of the plan [m s^2]."""
         if self.smoothness is not None:

@@ -119,7 +119,7 @@ def lookahead_step(
         weighed_rows = constraints
         if gains.approach_rate > 0.0:
             weighed_rows = some_of(constraints, np.arange(0))
-        s_0, qdot_c, W, _ = nominal_velocity(
+        s_0, qdot_c, W = nominal_velocity(
             references.J,
             normal,
             references.v_r,
@@ -132,7 +132,7 @@ def lookahead_step(
             references.qddot_0,
         )
     norm = guard_norm(normal, gains)
-    s_1, _ = guard(s_0, constraints, norm)
+    s_1 = guard(s_0, constraints, norm)
     s, s_p, admission = admit(
         s_0, s_p, s_1, state.q, v, state.d, constraints, norm, r, numbers
     )

@@ -124,7 +124,7 @@ def nominal_velocity(
     gains: LookaheadGains,
     qdot_0: np.ndarray,
     qddot_0: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(L6): the paper's law with W = I + sum omega_j g_j g_j^T; it always exists.
 
     Eqs. (15), (30), (34), (35) as least squares, with the push-through identity of
@@ -150,7 +150,7 @@ def nominal_velocity(
         qdot_0, qddot_0: (n,) x_0 of both levels; (0,) for 0.
 
     Returns:
-        (n,) s_0; (n,) q_dot_c; (n,) the diagonal of W at alpha; passes.
+        (n,) s_0; (n,) q_dot_c; (n,) the diagonal of W at alpha.
     """
     m, n = J.shape
     T, damping2 = gains.T, gains.damping**2
@@ -162,7 +162,7 @@ def nominal_velocity(
     right = transposed_times(J, v_r)
     if len(qdot_0):
         right = right + damping2 * qdot_0
-    qdot_c, _, first = one_sided_minimum(
+    qdot_c, _, _ = one_sided_minimum(
         normal, right, rows, -root * drift, cholesky_solve(factor, right)
     )
     z = gains.Gv * (qdot_c - qdot)
@@ -174,20 +174,18 @@ def nominal_velocity(
     if len(qddot_0):
         right = right + damping2 * qddot_0
     towards = times(g, qdot + T * z) + drift
-    alpha, active, second = one_sided_minimum(
+    alpha, active, _ = one_sided_minimum(
         normal, right, rows, -root * towards / T, cholesky_solve(factor, right)
     )
     s_0 = bounded_velocity(qdot, alpha + z, gains)
     W = np.ones(n)
     for row in np.flatnonzero(active):
         W += constraints.weight[row] * g[row] * g[row]
-    return s_0, qdot_c, W, first + second
+    return s_0, qdot_c, W
 
 
 @compiled
-def guard(
-    s_0: np.ndarray, constraints: Constraints, norm: np.ndarray
-) -> tuple[np.ndarray, int]:
+def guard(s_0: np.ndarray, constraints: Constraints, norm: np.ndarray) -> np.ndarray:
     """(L7): the velocity nearest to the nominal one that the constraints allow, (n,).
 
         s = argmin (s - s_0)^T N (s - s_0) + sum omega_j max(0, r_j - g_j s - drift_j)^2
@@ -195,19 +193,16 @@ def guard(
     Args:
         s_0: (n,) the nominal velocity.
         norm: (n, n) N, `guard_norm`.
-
-    Returns:
-        (n,) s; the passes.
     """
     root = np.sqrt(constraints.weight)
-    s, _, passes = one_sided_minimum(
+    s, _, _ = one_sided_minimum(
         norm,
         times(norm, s_0),
         root[:, np.newaxis] * constraints.g,
         root * (constraints.retreat - constraints.drift),
         s_0,
     )
-    return s, passes
+    return s
 
 
 @compiled
@@ -335,7 +330,7 @@ def admit(
                     checked, s, n, present, r, reaches, numbers.gains, admission
                 ),
             )
-            s_1, _ = guard(s_0, constraints, norm)
+            s_1 = guard(s_0, constraints, norm)
             s = np.concatenate((np.minimum(np.maximum(s_1, lowest), highest), s_p))
             checked = check_step(q, v, s, present, r, reaches, admission)
             if checked.clear:
@@ -348,7 +343,7 @@ def admit(
             if share < LESS[0]:
                 # What the guard asks for, a way out among it, would be scaled as well.
                 for less in LESS:
-                    s_1, _ = guard(less * s_0, given, norm)
+                    s_1 = guard(less * s_0, given, norm)
                     s_1 = np.minimum(np.maximum(s_1, lowest), highest)
                     s = np.concatenate((s_1, less * s_p))
                     checked = check_step(q, v, s, present, r, reaches, admission)

@@ -168,26 +168,29 @@ def next_braking_torque(
     return tau + times(inertia, braking - vdot)
 
 
+@compiled
 def share_of_nominal(
-    vdot: np.ndarray,
-    nominal: np.ndarray,
-    v: np.ndarray,
-    controlled: np.ndarray,
-    T: float,
+    vdot: np.ndarray, nominal: np.ndarray, qdot: np.ndarray, T: float
 ) -> float:
     """How much is left of the way from braking to the nominal: theta, if it was scaled.
 
     Args:
-        vdot, nominal, v, controlled, T: accelerations, and as in `limit_torque`.
+        vdot, nominal: accelerations, first those of the joints that brake [rad/s^2].
+        qdot: (n,) velocities of the joints that brake [rad/s].
+        T: braking horizon [s].
 
     Returns:
         1 - |nominal - vdot| / |nominal - braking|, in [0, 1], below 1 if they differ.
     """
-    way = np.linalg.norm(nominal[controlled] + v[controlled] / T)
-    lost = np.linalg.norm(nominal[controlled] - vdot[controlled])
+    if (vdot == nominal).all():
+        return 1.0
+    way, lost = 0.0, 0.0
+    for i in range(len(qdot)):
+        way += (nominal[i] + qdot[i] / T) ** 2
+        lost += (nominal[i] - vdot[i]) ** 2
     if lost >= way:  # also where braking is nominal, and there is no way
         return 0.0
-    return float(min(1.0 - lost / way, np.nextafter(1.0, 0.0)))
+    return min(1.0 - np.sqrt(lost / way), 1.0 - 1e-16)
 
 
 @compiled

@@ -44,6 +44,7 @@ from crar_drake.equations.torque_limit import (
     limit_torque,
     nearest_accelerations,
     next_braking_torque,
+    share_of_nominal,
 )
 from crar_drake.equations.vectors import identity, largest, put, times
 
@@ -137,7 +138,7 @@ def guard_acceleration(
         state, h, h, to_limits, to_limits, s[n:], np.zeros(n), limits, gains
     )
     s_0, norm = s[:n], identity(n)
-    s_1, _ = guard(s_0, constraints, norm)
+    s_1 = guard(s_0, constraints, norm)
     s_c, s_p, admission = admit(
         s_0, s[n:], s_1, state.q, v, state.d, constraints, norm, r, numbers
     )
@@ -156,20 +157,6 @@ def with_horizon(numbers: LookaheadNumbers, T: float) -> LookaheadNumbers:
         AdmissionGains(T, *numbers.admission[1:]),
         *numbers[4:],
     )
-
-
-@compiled
-def share_left(
-    vdot: np.ndarray, nominal: np.ndarray, qdot: np.ndarray, T: float
-) -> float:
-    """`torque_limit.share_of_nominal`, of the first n joints; 1 of the nominal ones."""
-    way, lost = 0.0, 0.0
-    for i in range(len(qdot)):
-        way += (nominal[i] + qdot[i] / T) ** 2
-        lost += (nominal[i] - vdot[i]) ** 2
-    if (vdot == nominal).all():
-        return 1.0
-    return 0.0 if lost >= way else 1.0 - np.sqrt(lost / way)
 
 
 @compiled
@@ -229,7 +216,7 @@ def rank_of(
     if excess > NO_EXCESS:
         return -excess
     if may_go_on(vdot, v, n, efforts, T, period):
-        return 2.0 + share_left(vdot, nominal, v[:n], horizon)
+        return 2.0 + share_of_nominal(vdot, nominal, v[:n], horizon)
     return min(T, 1.0)
 
 
@@ -459,7 +446,7 @@ def limited_acceleration(
     there = chosen[r.order]
     tau = times(np.ascontiguousarray(efforts[:, :nv]), there) + efforts[:, nv]
     tau, excess = clip_torque(tau, limits)
-    share = share_left(there, nominal, v[:n], horizons[0])
+    share = share_of_nominal(there, nominal, v[:n], horizons[0])
     after = state_ahead(
         measured.q[0],
         measured.v,

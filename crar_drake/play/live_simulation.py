@@ -186,8 +186,7 @@ class LiveSimulation:
     @property
     def floor(self) -> float:
         """What no pair comes nearer than, by the lookahead [m]."""
-        ahead = self.parameters.lookahead
-        return ahead.distance_margin - ahead.admission_slack
+        return self.parameters.lookahead.floor
 
     @property
     def mode(self) -> str:

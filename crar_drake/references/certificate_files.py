@@ -8,19 +8,22 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 from crar_drake.errors import CrarError
 from crar_drake.files import check_file, whole_file
-from crar_drake.motion.rates import check_rate
+from crar_drake.motion.rates import FASTEST
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.robot.description import RobotDescription
 
 KIND = "crar-drake certificate of a reference motion"
 FORMAT = 4
 SUFFIX = ".certificate.json"
+_WHENCE = "crar-drake clean writes one beside the motion"
 
 
 def certificate_path(motion: str | os.PathLike[str]) -> Path:
@@ -88,40 +91,123 @@ def _in_lines(certificate: dict) -> str:
 def read_certificate(path: str | os.PathLike[str]) -> dict:
     """Reads it.
 
+    Returns:
+        What it says; what a judge looks at is there, and of the right kind.
+
     Raises:
-        CrarError: it is not there, or not one of this format; the message names it.
+        CrarError: it is not there, not one of this format, or damaged; the message
+            names it, and says what to do.
     """
     try:
         certificate = json.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise CrarError(
-            f"{path}: there is no certificate; crar-drake clean writes it beside the "
-            "motion"
+            f"{path}: there is no certificate; {_WHENCE}, and a log of `crar-drake "
+            "run` needs none"
         ) from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise CrarError(f"{path}: is no certificate: {error}") from error
+    except IsADirectoryError:
+        raise CrarError(f"{path}: is no certificate, but a folder; {_WHENCE}") from None
+    except json.JSONDecodeError as error:
+        raise _damaged(path, f"from line {error.lineno} on it is not JSON") from error
+    except (ValueError, RecursionError) as error:
+        raise _damaged(path, "it is not JSON in UTF-8") from error
+    except OSError as error:
+        raise CrarError(f"{path}: cannot be read: {error.strerror}") from error
     if not isinstance(certificate, dict) or certificate.get("kind") != KIND:
-        raise CrarError(f"{path}: is no certificate of a reference motion")
+        raise CrarError(f"{path}: is no certificate of a reference motion; {_WHENCE}")
     if certificate.get("format") != FORMAT:
         raise CrarError(
             f"{path}: has format {certificate.get('format')!r}, and this version "
-            f"reads {FORMAT}"
+            f"reads {FORMAT}; clean the motion again"
         )
-    for keys, kind, what in (
-        (("motion", "file"), str, "a text"),
-        (("motion", "sha256"), str, "a text"),
-        (("robot", "name"), str, "a text"),
-        (("robot", "files"), dict, "an object"),
-        (("not_covered", "pairs"), list, "a list"),
-        (("mesh_pairs",), list, "a list"),
-        (("clips",), list, "a list"),
-    ):
-        value = certificate
-        for key in keys:
-            value = value.get(key) if isinstance(value, dict) else None
-        if not isinstance(value, kind):
-            raise CrarError(f"{path}: {'.'.join(keys)} is not there, or not {what}")
+    if what := next(_mistakes(certificate, _FORM, ""), None):
+        raise _damaged(path, what)
     return certificate
+
+
+def _damaged(path: str | os.PathLike[str], what: str) -> CrarError:
+    return CrarError(
+        f"{path}: the certificate is damaged: {what}; copy it again, or clean the "
+        "motion again"
+    )
+
+
+def _is_number(value: object) -> bool:
+    if isinstance(value, float):
+        return not math.isnan(value)  # infinite is the distance of what is far
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53
+
+
+def _is_whole(value: object) -> bool:
+    return not isinstance(value, float) and _is_number(value)
+
+
+# What it is to be: a test, and its words.
+_TEXT = (lambda value: isinstance(value, str), "no text")
+_NUMBER = (_is_number, "no number")
+_WHOLE = (_is_whole, "no whole number")
+_RATE = (lambda value: _is_number(value) and 0.0 < value <= FASTEST, "no rate")
+_RATE_IF_ANY = (lambda value: value is None or _RATE[0](value), "no rate")
+_LAYOUT = (lambda value: isinstance(value, str) and value in LAYOUTS, "no layout")
+_OBJECT = (lambda value: isinstance(value, dict), "no object")
+_PAIR = (
+    lambda value: (
+        isinstance(value, list)
+        and len(value) == 2
+        and all(isinstance(link, str) for link in value)
+    ),
+    "no pair of links",
+)
+_OF_MESHES = {"at_frames": [_NUMBER], "on_ways": [_NUMBER]}
+_MESHES = (
+    lambda value: value is None or not any(_mistakes(value, _OF_MESHES, "")),
+    "no bounds of meshes",
+)
+# The parts of a certificate that a judge looks at. A list is one of what is in it.
+_FORM = {
+    "motion": {"file": _TEXT, "sha256": _TEXT, "layout": _LAYOUT, "rate": _RATE_IF_ANY},
+    "robot": {"name": _TEXT, "files": _OBJECT, "watched_pairs": _WHOLE},
+    "not_covered": {"pairs": [_PAIR]},
+    "mesh_pairs": [_PAIR],
+    "clips": [
+        {
+            "clip": _TEXT,
+            "rate": _RATE,
+            "frames": {
+                "distance": [_NUMBER],
+                "pair": [_WHOLE],
+                "between": [_NUMBER],
+                "limit": [_NUMBER],
+                "speed": [_NUMBER],
+            },
+            "smallest": _OBJECT,
+            "meshes": _MESHES,
+        }
+    ],
+}
+
+
+def _mistakes(value: object, form: object, where: str) -> Iterator[str]:
+    """What in a certificate is not of its form."""
+    if isinstance(form, tuple):
+        fits, what = form
+        if not fits(value):
+            yield f"{where} is {what}"
+    elif isinstance(form, list):
+        if not isinstance(value, list):
+            yield f"{where} is no list"
+            return
+        for k, entry in enumerate(value):
+            yield from _mistakes(entry, form[0], f"{where}[{k}]")
+    elif not isinstance(value, dict):
+        yield f"{where} is no object"
+    else:
+        for key, of in form.items():
+            inner = f"{where}.{key}".lstrip(".")
+            if key in value:
+                yield from _mistakes(value[key], of, inner)
+            else:
+                yield f"{inner} is missing"
 
 
 def told_beside(
@@ -134,16 +220,10 @@ def told_beside(
         where nothing says it. And whether it was written for this robot.
     """
     layout = rate = files = None
-    with suppress(CrarError, OSError, OverflowError):
+    with suppress(CrarError, OSError):
         certificate = read_certificate(certificate_path(motion))
         of_file = certificate["motion"]
         if of_file["sha256"] == file_hash(motion):
-            layout, files = of_file.get("layout"), certificate["robot"]["files"]
-            if type(said := of_file.get("rate")) in (int, float):
-                check_rate(said)
-                rate = float(said)
-    return (
-        layout if isinstance(layout, str) and layout in LAYOUTS else None,
-        rate,
-        robot is not None and files == robot_files(robot),
-    )
+            layout, rate = of_file["layout"], of_file["rate"]
+            files = certificate["robot"]["files"]
+    return layout, rate, robot is not None and files == robot_files(robot)

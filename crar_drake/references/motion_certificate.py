@@ -18,7 +18,13 @@ import numpy as np
 from crar_drake.errors import CrarError
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.judging.referee import Referee
-from crar_drake.references.certificate_files import FORMAT, KIND, file_hash, robot_files
+from crar_drake.references.certificate_files import (
+    FORMAT,
+    KIND,
+    certificate_path,
+    file_hash,
+    robot_files,
+)
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_files import read_motions
@@ -140,7 +146,7 @@ def check_certificate(
 
     Raises:
         MotionError: the file cannot be read, or is of another robot.
-        CrarError: the certificate lacks something.
+        CrarError: its frames are of other pairs, or the referee cannot judge it.
     """
     check = CertificateCheck()
     try:
@@ -195,11 +201,8 @@ def check_certificate(
                 _check_meshes(check, claimed["meshes"], said, each, robot, judge)
     except CrarError:
         raise
-    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as e:
-        raise CrarError(
-            f"the certificate of {motion} lacks something, or has it in another form: "
-            f"{type(e).__name__} {e}"
-        ) from e
+    except ValueError as error:  # of the referee, or of a pair that is none
+        raise CrarError(f"{certificate_path(motion)}: {error}") from error
     return check
 
 
@@ -446,9 +449,9 @@ def _summary(frames: dict, pairs: Sequence[Sequence[str]]) -> dict:
     """
     distance, pair = frames["distance"], frames["pair"]
     if len(distance) != len(pair):
-        raise ValueError("pair is of another number of frames")
+        raise ValueError("its pairs are of another number of frames")
     if not all(0 <= k < len(pairs) for k in pair):
-        raise ValueError("a pair is not among those that are watched")
+        raise ValueError("a frame's pair is none that is watched")
     return {
         "smallest": {
             "distance": min(distance),

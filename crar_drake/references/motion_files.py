@@ -220,7 +220,8 @@ def _read_file(
     if suffix not in _READERS:
         raise MotionError(
             f"{path}: {path.suffix or 'no suffix'} is of no layout that is read; robot "
-            f"motions are {', '.join(sorted(_READERS))} files"
+            f"motions are {', '.join(sorted(_READERS))} files (of a person's motion "
+            "`crar-drake retarget` makes one)"
         )
     return _READERS[suffix](path, layout, rate, joint_names)
 

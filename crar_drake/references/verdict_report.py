@@ -86,9 +86,9 @@ def verdict_lines(verdict: ReferenceVerdict) -> Iterator[str]:
     yield from _beyond_lines("speed limits", verdict.speeds, "rad/s", motion.rate)
     lowest = int(verdict.lowest.argmin())
     yield (
-        f"  ground: lowest {1e3 * verdict.lowest[lowest]:.1f} mm "
+        f"  ground: lowest {1e3 * verdict.lowest[lowest]:z.1f} mm "
         f"({verdict.lowest_link}) at {lowest / motion.rate:.2f} s; feet stand at "
-        f"{1e3 * verdict.floor:.1f} mm"
+        f"{1e3 * verdict.floor:z.1f} mm"
     )
     for foot in verdict.feet:
         text = (
@@ -114,7 +114,7 @@ def verdict_lines(verdict: ReferenceVerdict) -> Iterator[str]:
             f"  jump: {jump.what} by {jump.size:.3g} {jump.unit} to frame "
             f"{jump.frame + 1} ({jump.frame / motion.rate:.2f} s)"
         )
-    yield from _more(len(verdict.jumps), "jumps")
+    yield from _more(len(verdict.jumps))
     if verdict.violations:
         yield f"  VIOLATED: {', '.join(verdict.violations)}"
     else:
@@ -209,9 +209,9 @@ def _mesh_lines(verdict: ReferenceVerdict) -> Iterator[str]:
     for contact in meshes.refuted[:_MOST]:
         yield (
             f"    {contact.pair[0]} - {contact.pair[1]}: only their hulls, in "
-            f"{contact.num_samples} frames"
+            f"{_frames(contact.num_samples)}"
         )
-    yield from _more(len(meshes.refuted), "pairs of hulls")
+    yield from _more(len(meshes.refuted))
     if meshes.left_out:
         pairs = ", ".join(f"{a} - {b}" for a, b in meshes.left_out)
         yield f"  left out, since their meshes meet at zero and at rest: {pairs}"
@@ -220,25 +220,26 @@ def _mesh_lines(verdict: ReferenceVerdict) -> Iterator[str]:
 def _pair_lines(pairs: tuple[PairFrames, ...], rate: float) -> Iterator[str]:
     for pair in pairs[:_MOST]:
         yield (
-            f"    {pair.pair[0]} - {pair.pair[1]}: {len(pair.frames)} frames "
+            f"    {pair.pair[0]} - {pair.pair[1]}: {_frames(len(pair.frames))} "
             f"({_spans(pair.frames)}), deepest {1e3 * pair.depth:.1f} mm at "
             f"{pair.frame / rate:.2f} s"
         )
-    yield from _more(len(pairs), "pairs")
+    yield from _more(len(pairs))
 
 
 def _beyond_lines(
     what: str, beyond: tuple[Beyond, ...], unit: str, rate: float
 ) -> Iterator[str]:
     yield f"  {what}: " + (
-        f"{len(frames_of(beyond))} frames beyond" if beyond else "none beyond"
+        f"{_frames(len(frames_of(beyond)))} beyond" if beyond else "none beyond"
     )
     for joint in beyond[:_MOST]:
         yield (
-            f"    {joint.joint}: {len(joint.frames)} frames ({_spans(joint.frames)}), "
-            f"by up to {joint.excess:.3g} {unit} at {joint.frame / rate:.2f} s"
+            f"    {joint.joint}: {_frames(len(joint.frames))} "
+            f"({_spans(joint.frames)}), by up to {joint.excess:.3g} {unit} at "
+            f"{joint.frame / rate:.2f} s"
         )
-    yield from _more(len(beyond), "joints")
+    yield from _more(len(beyond))
 
 
 def _spans(frames: tuple[int, ...]) -> str:
@@ -251,9 +252,13 @@ def _spans(frames: tuple[int, ...]) -> str:
     return ", ".join(spans[:3]) + (", ..." if len(spans) > 3 else "")
 
 
-def _more(number: int, what: str) -> Iterator[str]:
+def _frames(number: int) -> str:
+    return f"{number} frame{'' if number == 1 else 's'}"
+
+
+def _more(number: int) -> Iterator[str]:
     if number > _MOST:
-        yield f"    and {number - _MOST} more {what}"
+        yield f"    and {number - _MOST} more"
 
 
 def _smallest(distances: np.ndarray, rate: float) -> str:

@@ -223,8 +223,7 @@ class _Paths:
     def __init__(
         self, log: SimulationLog, referee: Referee, parameters: CrarParameters
     ) -> None:
-        ahead = parameters.lookahead
-        self.floor = ahead.distance_margin - ahead.admission_slack
+        self.floor = parameters.lookahead.floor
         self._log, self._referee = log, referee
         self._horizon = parameters.braking_horizon
         # Prescribed joints go where they are sent.

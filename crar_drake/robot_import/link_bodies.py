@@ -4,6 +4,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import RotationalInertia
 
+from crar_drake.errors import few
 from crar_drake.robot_import.capsule_fitting import coverage
 from crar_drake.robot_import.covering import covered
 from crar_drake.robot_import.import_report import ImportReport
@@ -20,6 +21,7 @@ from crar_drake.robot_import.structure import welded_groups
 _DENSITY = 500.0  # [kg/m^3] of a link without a mass: a hollow shell
 _SMALL_MASS = 1e-3  # [kg]
 _SMALL_INERTIA = 1e-6  # [kg m^2]
+_MOST = 5  # links without mass that are named
 
 
 def find_covered(
@@ -97,12 +99,12 @@ def find_inertias(
     if bare:
         report.notes.append(
             "inertia: without mass and geometry but moving, given "
-            f"{inertias[bare[0]].mass:g} kg each: {', '.join(bare)}"
+            f"{inertias[bare[0]].mass:g} kg each: {few(bare, _MOST)}"
         )
     if left_alone:
         report.notes.append(
             "inertia: without mass, and left so since they are welded to links that "
-            f"have one: {', '.join(left_alone)}"
+            f"have one: {few(left_alone, _MOST)}"
         )
     # Drake's own world, which a link of that name is, takes no mass.
     if robot.root not in massive and robot.root != WORLD:

@@ -166,8 +166,7 @@ class SafeMotion:
         if solution.admission[3] == 0.0:
             nearest = int(solution.signed_distances.argmin())
             a, b = self.model.pairs.names[nearest]
-            ahead = parameters.lookahead
-            floor = ahead.distance_margin - ahead.admission_slack
+            floor = parameters.lookahead.floor
             raise ScenarioError(
                 f"start: {a} - {b} are {1e3 * solution.signed_distances[nearest]:.1f} "
                 f"mm apart there, and the floor is {1e3 * floor:.1f} mm"

@@ -520,6 +520,8 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run --experimant wrists", "--experimant; did you mean '--experiment'?"),
         ("run --experimant=wrists", "--experimant; did you mean '--experiment'?"),
         ("run --lev velocity", "unknown option --lev; did you mean '--level'?"),
+        ("clean cmu:05_02 --robot g1_no --out x.csv", "no robot 'g1_no'"),
+        ("clean x.csv --robot g1 --rate 30", "--rate; did you mean '--frame-rate'?"),
         ("run dance_wrists boxing_wrists", "unexpected argument 'boxing_wrists'"),
         ("run --level velocty", "'velocty' is unknown; did you mean 'velocity'?"),
         ("run --level x", "'x' is unknown; known are acceleration, velocity"),

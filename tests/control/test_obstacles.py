@@ -26,6 +26,7 @@ from crar_drake.control.obstacles import ObstacleFilter
 from crar_drake.equations.moving_obstacles import (
     Levels,
     Spheres,
+    braking_time,
     command_line,
     line_bounds,
     nearest_to,
@@ -69,14 +70,24 @@ def test_braking_is_never_later_than_its_time_says(T, period):
         after = v * (1.0 - period / T)
         for share in np.linspace(0.0, 1.0, 41):
             u = (q + share * period * after) / T  # of the first braking path
-            time = numbers.eta - numbers.T_star * math.log(1.0 - u / numbers.kappa)
-            slack.append(time - (step + share) * period)
+            slack.append(braking_time(u * T, 0.0, numbers) - (step + share) * period)
         q, v = q + period * after, after
         if v < 1e-6:
             break
     assert min(slack) > -1e-9
     assert min(slack) < 1e-3 * period
     assert max(slack) <= numbers.eta + 1e-9
+    # (M1) in closed form, with eta as the largest of many, and after a while before.
+    tau = np.linspace(0.0, period, 100_001)
+    kappa = 1.0 - period / T
+    T_star = -period / math.log(kappa)
+    eta = float((tau + T_star * np.log1p(-tau / T)).max())
+    for before in (0.0, period):
+        for t in np.linspace(0.0, before + 0.999 * kappa * T, 50):
+            time = eta + min(t, before)
+            time -= T_star * math.log1p(-max(t - before, 0.0) / (T * kappa))
+            found = braking_time(t, before, numbers)
+            assert found == pytest.approx(time, abs=1e-9 * T)
 
 
 def required(numbers, t: float) -> float:

@@ -384,17 +384,20 @@ def test_a_weak_motor_leaves_the_other_joints_alone():
 
 
 def test_the_share_of_the_wish_is_theta_where_it_was_slowed_down(arm):
-    joints = np.array([0, 1])
+    def share(vdot: np.ndarray, wish: np.ndarray = arm.wish) -> float:
+        return share_of_nominal(vdot, wish, arm.v[:2], arm.horizon)
+
     for theta in (0.0, 0.3, 0.9):
-        vdot = arm.slowed(theta)
-        share = share_of_nominal(vdot, arm.wish, arm.v, joints, arm.horizon)
-        assert share == pytest.approx(theta, abs=1e-12)
-    far = arm.wish - 3.0 * (arm.wish - arm.slowed(0.0))
-    assert share_of_nominal(far, arm.wish, arm.v, joints, arm.horizon) == 0.0
+        assert share(arm.slowed(theta)) == pytest.approx(theta, abs=1e-12)
+    assert share(arm.wish - 3.0 * (arm.wish - arm.slowed(0.0))) == 0.0
+    # All of it is left of itself alone, not where another joint gives way.
+    assert share(arm.wish) == 1.0
+    assert 1.0 - 1e-9 < share(arm.wish + [0.0, 0.0, 1.0]) < 1.0
+    assert 1.0 - 1e-9 < share(np.nextafter(arm.wish, 100.0)) < 1.0
     # A wish to brake, and what the limits leave of it: no way, and no division.
     braking = -arm.v / arm.horizon
     with np.errstate(all="raise"):
-        assert share_of_nominal(arm.wish, braking, arm.v, joints, arm.horizon) == 0.0
+        assert share(arm.wish, braking) == 0.0
 
 
 def test_a_clipped_torque_and_its_excess():

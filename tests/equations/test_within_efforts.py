@@ -11,11 +11,10 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import Solution
-from crar_drake.equations.torque_limit import share_of_nominal
 from crar_drake.equations.within_efforts import (
+    NO_EXCESS,
     effort_excess,
     may_go_on,
-    share_left,
     with_horizon,
     within_limits,
 )
@@ -60,12 +59,6 @@ def test_what_is_within_the_limits_is(seed):
         tau = A @ braking + efforts[:, n]
         goes_on = bool(np.all(np.abs(tau) <= 0.9 * efforts[:, n + 1]))
         assert may_go_on(vdot, v, n - 1, efforts, T, PERIOD) == goes_on
-        share = share_left(vdot, nominal, v[:-1], T)
-        controlled = np.arange(n - 1)
-        if not np.array_equal(vdot, nominal):
-            assert share == pytest.approx(
-                share_of_nominal(vdot, nominal, v, controlled, T), abs=1e-9
-            )
 
 
 def test_another_horizon_is_as_if_it_had_been_given(model):
@@ -103,3 +96,37 @@ def test_one_horizon_alone_is_the_nearest_that_is_admitted(model, seed):
     np.testing.assert_allclose(found[: len(v)], solution.acceleration, atol=1e-4)
     tau = found[len(v) : len(v) + len(limits.limits)]
     np.testing.assert_allclose(tau, solution.actuation, atol=1e-4)
+
+
+def test_what_a_mode_leaves_beyond_what_is_asked_of_it_is_not_clipped(
+    model, monkeypatch
+):
+    """Clipped, the robot would do other than was admitted: of a Talos that boxes fast a
+    joint at its speed limit then was beyond it by 1e-6 rad/s."""
+    longer = replace(PARAMETERS, lookahead=replace(AHEAD, longest_horizon=2.0 * T))
+    law = ControlLaw(model, longer)
+    limits = EffortLimits(model, law.mode, longer)
+    workspace, nv = model.MakeWorkspace(), model.plant.num_velocities()
+    measured = law._measure(workspace, model.rest_positions(), np.zeros(nv))
+    wanted = np.zeros(nv)
+    wanted[model.controlled] = np.linspace(100.0, 600.0, model.n)
+
+    def leaves_a_rest(measured, vdot, rows):
+        """Some of what is wanted, which takes NO_EXCESS more than it may."""
+        A, b, most = rows[:, :-2], rows[:, -2], (1.0 + 0.99 * NO_EXCESS) * rows[:, -1]
+        slope = A @ vdot[model.order]
+        share = np.min((most - np.sign(slope) * b) / np.maximum(np.abs(slope), 1e-9))
+        tau = np.clip(share * slope + b, -rows[:, -1], rows[:, -1])
+        after = np.concatenate((model.rest_positions(), np.zeros(nv)))
+        rest = [share, 0.99 * NO_EXCESS]
+        return np.concatenate((share * vdot, tau, rest, after)), {}
+
+    monkeypatch.setattr(limits, "_torque_times", [])
+    monkeypatch.setattr(limits._mode, "limited", leaves_a_rest)
+    nothing = np.zeros(0)
+    solution = Solution(wanted, nothing, nothing, nothing, nothing)
+    limits.limit(workspace, measured, solution)
+    taken = model.inverse_dynamics(workspace, solution.acceleration)
+    np.testing.assert_array_equal(solution.actuation, taken)
+    most = np.max(np.abs(taken) / limits.limits)
+    assert 1.0 - 1e-5 < most <= 1.0 and solution.torque_limit[1] == 0.0

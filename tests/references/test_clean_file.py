@@ -188,18 +188,16 @@ def test_of_what_was_written_here_nothing_is_guessed(cleaned, tmp_path):
     assert (motion.layout, motion.rate, motion.guesses) == ("xyzw-csv", 20.0, ())
     (motion,) = read_motions(out, "wxyz-csv", 25.0)
     assert (motion.layout, motion.rate) == ("wxyz-csv", 25.0)
-    # It says so of this very file, and in words that are known here.
+    # It says so of this very file; one that is damaged says nothing.
     place = certificate_path(out)
     said = read_certificate(place)
-    said["motion"] |= {"layout": "zyxw-csv", "rate": "fast"}
-    place.write_text(json.dumps(said))
     robot = WholeBody(load_robot_description(folder))
-    assert len(read_motions(out, robot=robot)[0].guesses) == 3
-    for rate in (True, -20.0, float("nan"), 1e9, 10**400):
-        said["motion"] |= {"layout": "xyzw-csv", "rate": rate}
+    damaged = [("xyzw-csv", rate) for rate in (True, "fast", -20.0, float("nan"))]
+    damaged += [("zyxw-csv", 20.0), ("xyzw-csv", 1e9), ("xyzw-csv", 10**400)]
+    for layout, rate in damaged:
+        said["motion"] |= {"layout": layout, "rate": rate}
         place.write_text(json.dumps(said))
-        (motion,) = read_motions(out, robot=robot)
-        assert len(motion.guesses) == 1 and "Hz" in motion.guesses[0]
+        assert len(read_motions(out, robot=robot)[0].guesses) == 3
     said["motion"] |= {"layout": "xyzw-csv", "rate": 20.0}
     place.write_text(json.dumps(said))
     out.write_text(out.read_text() + "\n")
@@ -365,7 +363,7 @@ def test_what_cannot_be_judged_is_told_by_its_name(cleaned, tmp_path, capsys):
     certificate_path(last).write_text(json.dumps(named))
     assert main(["judge", str(tmp_path), *robot]) == 2
     told = capsys.readouterr()
-    assert "deep.certificate.json: is no certificate" in told.err
+    assert "deep.certificate.json: the certificate is damaged" in told.err
     assert "first.certificate.json: there is no certificate" in told.err
     assert "last.certificate.json: nothing refutes it" in told.out
     assert main(["judge", str(last), "--certificate"]) == 2

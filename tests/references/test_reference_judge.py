@@ -24,6 +24,7 @@ from crar_drake.references.judged_files import judge_here
 from crar_drake.references.motion_files import write_motion
 from crar_drake.references.reference_judge import ReferenceJudge, Tolerances
 from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.verdict_report import verdict_lines
 from crar_drake.robot.description import load_robot_description
 
 LEG = THIGH + SHIN
@@ -265,3 +266,11 @@ def test_a_folder_with_a_bad_file(files: Path, tmp_path: Path, capsys, monkeypat
         lambda files, options, *_: judge_here(files, options),
     )
     assert main(given) == 2
+
+
+def test_a_frame_is_one_and_no_height_is_minus_zero(judge: ReferenceJudge):
+    joints = np.zeros((10, 5))
+    joints[4, 0] = LIMIT + 0.1
+    told = "\n".join(verdict_lines(judge.judge(motion(joints, STANDING - 1e-5))))
+    assert "joint limits: 1 frame beyond" in told and ": 1 frame (5), by up to" in told
+    assert "ground: lowest 0.0 mm" in told and "feet stand at 0.0 mm" in told

@@ -71,3 +71,19 @@ def test_a_flat_body_stays_one_that_can_be(tmp_path):
     made = ElementTree.parse(tmp_path / "out" / "robot.urdf").getroot()
     (moments,) = {tuple(e.attrib.items()) for e in made.iter("inertia")}
     assert {k: float(v) for k, v in moments} == numbers | dict(ixy=0, ixz=0, iyz=0)
+
+
+@pytest.mark.parametrize(
+    "kind, told",
+    [("revolute", "but moving, given 0.001 kg each: "), ("fixed", "that have one: ")],
+)
+def test_of_many_links_without_mass_a_few_are_named(kind, told, tmp_path):
+    parts = [link("base", '<box size="0.1 0.1 0.1"/>')]
+    for k in range(12):
+        parts += [link(f"l{k}", mass=0.0), joint(f"j{k}", "base", f"l{k}", kind=kind)]
+    # Without a joint there is nothing to import.
+    parts += [link("arm", '<box size="0.1 0.1 0.1"/>', "1 0 0")]
+    parts += [joint("j", "base", "arm")]
+    report = import_robot(write(tmp_path, robot(parts)), tmp_path / "out")
+    (line,) = [note for note in report.notes if "without mass" in note]
+    assert line.endswith(told + "l0, l1, l2, l3, l4 and 7 more")

@@ -197,7 +197,7 @@ class LookaheadMode(Mode):
             T=float(self.horizon),
             period=float(parameters.period),
             step=min(float(step), float(parameters.period)),
-            floor=float(ahead.distance_margin - ahead.admission_slack),
+            floor=float(ahead.floor),
         )
         self.losses = np.zeros(len(model.pairs.closed_rows))
         if errors.any():

@@ -64,8 +64,8 @@ from crar_drake.references.near_parts import near_approach
 from crar_drake.references.pair_tables import PairTable
 from crar_drake.references.whole_body import WholeBody
 
-# A bound is sought until it is half the distance, or so much [m]; those of
-# tables are less close.
+# A bound is sought until it is half the distance, or so much [m]; those of tables are
+# less close.
 _ENOUGH = 5e-3
 
 # Of pairs that are nearer, (M1) is asked of those parts alone that are near [m].

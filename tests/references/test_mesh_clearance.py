@@ -426,6 +426,15 @@ def test_one_joint_moves_a_point_as_far_as_its_arc(tmp_path):
     np.testing.assert_allclose(bound[0], [0.7 * arm, 1.5], rtol=1e-5)
 
 
+def test_a_motion_that_was_changed_in_place_is_asked_anew(tmp_path):
+    meshes, q = ClearanceOfMeshes(elbow(tmp_path)), np.array([[0.2, 1.0], [0.9, 1.0]])
+    first = meshes.find(q)
+    assert meshes.find(q) is first
+    q[1, 1] = np.pi  # onto the post
+    assert meshes.find(q).touch_at.tolist() == [[False, True]]
+    assert not first.touch_at.any()
+
+
 def test_an_arm_that_stretches_on_the_way(tmp_path):
     """It is bent at both ends, and its end goes farther than if it were on the way."""
     body = elbow(tmp_path)

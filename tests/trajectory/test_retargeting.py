@@ -16,6 +16,7 @@ from crar_drake.motion.smooth_steps import smooth_step
 from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory import retargeting
 from crar_drake.trajectory.body_points import ROOT, Placed
+from crar_drake.trajectory.distance_rows import no_rows
 from crar_drake.trajectory.keeping import Keeper
 from crar_drake.trajectory.optimiser import AtFrames, Samples
 from crar_drake.trajectory.performer_targets import FootTarget, performer_targets
@@ -259,6 +260,34 @@ def test_a_robot_without_a_head_follows_all_the_same(tmp_path):
     found = robot.retarget(performer, RATE)
     assert "trunk" in found.targets.directions
     assert "head" not in found.targets.directions
+
+
+class NoMeshes:
+    """Meshes without a pair, and how often they were asked."""
+
+    num_pairs = asked = 0
+
+    def touching(self, q):
+        self.asked += 1
+        return np.zeros((0, len(q)), dtype=bool)
+
+    def near_rows(self, where, parts):
+        return lambda at, q, look: no_rows(q.shape[1])
+
+
+def test_what_was_solved_before_changes_nothing(tmp_path, robot):
+    """Another motion, another rate, meshes."""
+    short, other = (
+        load_performer(short_amc(tmp_path, of, of=of)) for of in ("dance", "boxing")
+    )
+    first, meshes = robot.retarget(short, RATE), NoMeshes()
+    robot.retarget(short, 2.0 * RATE)
+    robot.retarget(other, RATE, meshes=meshes)
+    asked = meshes.asked
+    again = robot.retarget(short, RATE)
+    assert meshes.asked == asked > 0
+    np.testing.assert_array_equal(again.q, first.q)
+    np.testing.assert_array_equal(again.root_positions, first.root_positions)
 
 
 def test_a_link_that_is_called_like_another_ones_point(tmp_path, robot):

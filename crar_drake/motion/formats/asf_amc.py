@@ -123,7 +123,8 @@ class _Lines:
                 yield words
 
     def fail(self, message: str) -> NoReturn:
-        raise MotionError(f"{self.path}:{self.number}: {message}")
+        line = f":{self.number}" if self.number else ""  # an empty file has none
+        raise MotionError(f"{self.path}{line}: {message}")
 
     def numbers(self, words: list[str]) -> list[float]:
         """Returns the words as finite numbers."""

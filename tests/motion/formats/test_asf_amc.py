@@ -309,6 +309,7 @@ BAD_MOTIONS = [
 def test_bad_motion_names_file_line_and_matter(toy, tmp_path, text, needle, words):
     path = _write(tmp_path / "bad.amc", text)
     message = _refusal(read_amc, path, toy)
+    assert ":0:" not in message
     place = str(path) + ":"
     if needle and needle != "2":
         place += f"{_line_of(text, needle)}:"

@@ -166,9 +166,8 @@ class EffortLimits:
             workspace: at the state of the control step.
 
         Returns:
-            (nu, nv + 2) A, b and what is asked for of each limit, by which
-            |A q_ddot + b| is to be at most that, with accelerations in the robot's
-            order; (0, nv + 2) if no motor has a limit.
+            (nu, nv + 2) A, b and the most that |A q_ddot + b| is to be, for
+            accelerations in the robot's order; (0, nv + 2) if no motor has a limit.
         """
         model = self._model
         if not self.finite:

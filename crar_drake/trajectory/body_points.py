@@ -155,8 +155,9 @@ def lowest_points(
     z: np.ndarray,
     below: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of links with a point below a height: which of the frames (N,), which link of
-    those that are given (N,), its height (N,) [m] and where it is on the link (N, 3).
+    """The lowest points of links, where they are below a height: which of the frames
+    (R,), which of the links that are given (R,), the point's height (R,) [m] and where
+    it is on the link (R, 3).
 
     Args:
         frames: (S,) which of K.

@@ -394,9 +394,9 @@ class Retargeter:
         return np.array([[x, y, z.min()] for x in (x0, x1) for y in (y0, y1)])
 
     def _set_floor_points(self) -> None:
-        """Of each link with a shape, (K,), which it is, and the points that can be its
-        lowest, (N, 3) and (N,) the radii of balls about them, and where those of each
-        link begin (K + 1,)."""
+        """Which links have a shape (K,), the points that can be their lowest (N, 3)
+        with the radii of balls about them (N,) [m], and where those of each link begin
+        (K + 1,)."""
         rng = np.random.default_rng(0)
         directions = rng.normal(size=(_OF_FEET, 3))
         feet = {

@@ -188,19 +188,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     rows = [[*kind, *cells(runs)] for kind, runs in found.items() if runs]
     if not rows:
         raise ModelError("benchmarks.standing needs g1_whole_body or talos_whole_body")
-    fell = {
-        name: (
-            sum(each["fell"] for kind, runs in found.items() for each in runs
-                if kind[2] == name),
-            sum(len(runs) for kind, runs in found.items() if kind[2] == name),
-        )
-        for name in ("balance", "without")
-    }  # fmt: skip
-    text = (
-        f"Runs of {options.seconds:g} s: with balance {fell['balance'][0]} of "
-        f"{fell['balance'][1]} fell, without {fell['without'][0]} of "
-        f"{fell['without'][1]}. {measured_by(seeds)}"
-    )
+    fell = []
+    for name, law in (("with balance", "balance"), ("without", "without")):
+        runs = [each for kind, of in found.items() if kind[2] == law for each in of]
+        if runs:
+            fell.append(f"{name} {sum(r['fell'] for r in runs)} of {len(runs)} fell")
+    text = f"Runs of {options.seconds:g} s: {', '.join(fell)}. {measured_by(seeds)}"
     benchmark.report([Table(HEADER, rows)], text.strip())
 
 

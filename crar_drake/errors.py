@@ -70,6 +70,11 @@ def few(names: Sequence[str], most: int) -> str:
     return ", ".join(names[:most]) + more
 
 
+def plural(number: int, what: str) -> str:
+    """ "1 frame", or "3 frames"; what they are, in the singular."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 # More names than these are more than anybody reads.
 _MOST_NAMES = 40
 

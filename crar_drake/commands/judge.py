@@ -14,7 +14,7 @@ from crar_drake.commands.judge_references import (
 )
 from crar_drake.commands.options import add_command, add_robot, count, positive
 from crar_drake.commands.output import FAST, counted, final_line
-from crar_drake.errors import CrarError, few
+from crar_drake.errors import CrarError, few, plural
 
 if TYPE_CHECKING:
     import numpy as np
@@ -240,12 +240,12 @@ def certificate_lines(verdict: CertificateVerdict) -> list[str]:
     lines.append(f"certificate: {claim}: NOT TRUE")
     if verdict.not_clear:
         lines.append(
-            f"  {_counted(verdict.not_clear, 'braking path')} said to be clear, but "
+            f"  {plural(verdict.not_clear, 'braking path')} said to be clear, but "
             "not: " + _near(verdict.not_clear_worst, "worst ")
         )
     if verdict.undercut:
         lines.append(
-            f"  {_counted(verdict.undercut, 'braking path')} nearer than said: "
+            f"  {plural(verdict.undercut, 'braking path')} nearer than said: "
             + _near(verdict.undercut_worst, "worst ")
             + f", where at least {1e3 * verdict.undercut_claim:.3f} mm were claimed"
         )
@@ -287,8 +287,8 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
         times: (T,) of the samples [s].
     """
     judged = (
-        f"{_counted(verdict.num_samples, 'sample')}, "
-        f"{_counted(verdict.num_pairs, 'pair')} of links more than one joint apart"
+        f"{plural(verdict.num_samples, 'sample')}, "
+        f"{plural(verdict.num_pairs, 'pair')} of links more than one joint apart"
     )
     lines = [
         f"real meshes, triangles, {judged}: {verdict.num_penetrating} in penetration"
@@ -300,7 +300,7 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
     for contact in verdict.penetrations[:_MOST_LINES]:
         lines.append(
             f"  {contact.pair[0]} - {contact.pair[1]}: meshes penetrate in "
-            f"{_counted(contact.num_samples, 'sample')}; deepest at "
+            f"{plural(contact.num_samples, 'sample')}; deepest at "
             f"{times[contact.index]:.3f} s, where a shift of "
             f"{-1e3 * contact.mesh_distance:.1f} mm would part them"
         )
@@ -308,7 +308,7 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
     for contact in verdict.refuted[:_MOST_LINES]:
         lines.append(
             f"  {contact.pair[0]} - {contact.pair[1]}: only hulls penetrate, in "
-            f"{_counted(contact.num_samples, 'sample')}; deepest at "
+            f"{plural(contact.num_samples, 'sample')}; deepest at "
             f"{times[contact.index]:.3f} s, hulls "
             f"{1e3 * contact.hull_distance:.1f} mm, meshes "
             f"{1e3 * contact.mesh_distance:.1f} mm: they overestimate by "
@@ -335,10 +335,6 @@ def _nearest(nearest: Nearest, times: np.ndarray) -> str:
         f", smallest distance {1e3 * nearest.distance:.1f} mm"
         f"{_of_pair(nearest.pair)} at {times[nearest.index]:.3f} s"
     )
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _more(contacts: list[PairContact], which: str) -> list[str]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from crar_drake.errors import CrarError, printable
+from crar_drake.errors import CrarError, plural, printable
 
 OUT = Path("out")
 
@@ -80,8 +80,7 @@ def counted(number: int, what: str, does: str) -> list[str]:
     """
     if not number:
         return []
-    one = number == 1
-    return [f"{number} {what}{'' if one else 's'} {does.format(s='s' if one else '')}"]
+    return [f"{plural(number, what)} {does.format(s='s' if number == 1 else '')}"]
 
 
 def tell_drawn(models: Iterable[str]) -> None:

@@ -8,7 +8,7 @@ from crar_drake.errors import MotionError
 # Slower is no recording of motion [Hz]; what is said to be so is said otherwise.
 SLOWEST = 1.0
 # Faster, what is computed around a frame for a part of a second fills any memory [Hz].
-FASTEST = 1e5
+_FASTEST = 1e5
 _PLAUSIBLE = (5.0, 2000.0)  # [Hz]
 # What cameras and games run at [Hz].
 _USUAL = (
@@ -19,12 +19,17 @@ _USUAL = (
 _NEAR = 2e-3  # of a usual rate: files round frame times to three digits or more
 
 
+def can_be_rate(rate: float) -> bool:
+    """Whether a motion of a robot can have the rate [Hz]."""
+    return 0.0 < rate <= _FASTEST
+
+
 def check_rate(rate: float) -> None:
     """Raises MotionError if a motion of a robot cannot have the rate [Hz]."""
-    if not 0.0 < rate <= FASTEST:
+    if not can_be_rate(rate):
         raise MotionError(
             f"the rate is {rate:g} Hz; it must be positive, and at most "
-            f"{FASTEST:.0f} Hz"
+            f"{_FASTEST:.0f} Hz"
         )
 
 

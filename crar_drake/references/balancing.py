@@ -129,7 +129,9 @@ class Balancer:
         y = np.zeros((motion.num_frames, ROOT + len(columns)))
         y[:, ROOT:] = motion.joint_positions[:, columns]
         problem = self.problem(motion, support, carries, y)
-        found, _, _ = cleaner.keeper.keep(problem, y, progress=progress)
+        found, _, _ = cleaner.keeper.keep(
+            problem, y, progress=progress, meshes=cleaner.meshes
+        )
         changed = (found != y).any(axis=1)
         if not changed.any():
             return motion

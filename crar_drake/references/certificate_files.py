@@ -16,7 +16,7 @@ from pathlib import Path
 
 from crar_drake.errors import CrarError
 from crar_drake.files import check_file, whole_file
-from crar_drake.motion.rates import FASTEST
+from crar_drake.motion.rates import can_be_rate
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.robot.description import RobotDescription
 
@@ -146,7 +146,7 @@ def _is_whole(value: object) -> bool:
 _TEXT = (lambda value: isinstance(value, str), "no text")
 _NUMBER = (_is_number, "no number")
 _WHOLE = (_is_whole, "no whole number")
-_RATE = (lambda value: _is_number(value) and 0.0 < value <= FASTEST, "no rate")
+_RATE = (lambda value: _is_number(value) and can_be_rate(value), "no rate")
 _RATE_IF_ANY = (lambda value: value is None or _RATE[0](value), "no rate")
 _LAYOUT = (lambda value: isinstance(value, str) and value in LAYOUTS, "no layout")
 _OBJECT = (lambda value: isinstance(value, dict), "no object")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -103,7 +103,7 @@ def _moved(
     after: RobotMotion,
     robot: WholeBody,
     kinds: Sequence[tuple[str, ...]],
-) -> Iterator[np.ndarray]:
+) -> list[np.ndarray]:
     """Of each kind of task frames, (T, L) how far their links are apart [m]; NaN
     without any."""
     task_frames = robot.description.task_frames
@@ -125,10 +125,12 @@ def _moved(
         )
         for motion in (before, after)
     )
-    moved, first = np.linalg.norm(now - was, axis=2), 0
-    for of in links:
-        yield moved[:, first : first + len(of)] if of else np.full((1, 1), np.nan)
-        first += len(of)
+    moved = np.linalg.norm(now - was, axis=2)
+    ends = np.cumsum([len(of) for of in links[:-1]])
+    return [
+        of if of.shape[1] else np.full((1, 1), np.nan)
+        for of in np.split(moved, ends, axis=1)
+    ]
 
 
 def find_frozen(before: RobotMotion, after: RobotMotion) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from crar_drake.errors import MotionError
+from crar_drake.errors import MotionError, plural
 from crar_drake.files import check_file, whole_set
 from crar_drake.motion.planted_feet import runs
 from crar_drake.references.adjusting import (
@@ -547,7 +547,7 @@ def _note_of_balance(row: CleanedClip) -> str:
     """What a certificate says of balance, which it does not certify."""
     if not row.stands:
         return "balance: no foot is planted in any frame"
-    lifts = f"{row.lifts} lift{'' if row.lifts == 1 else 's'} of a foot"
+    lifts = f"{plural(row.lifts, 'lift')} of a foot"
     if row.lifted_outside:
         lifts += f", not balanced on what stays planted: {row.lifted_outside}"
     frames = f"; outside in frames {row.outside_in}" if row.outside_in else ""

@@ -92,6 +92,7 @@ class Cleaner:
         description: of the robot.
         model: the robot with its root fixed, and its watched pairs.
         keeper: of what is kept.
+        meshes: of its links, which are parted, or None.
         feet, hands: task frames that are kept,
         frames: and both.
         rate: frames per second [Hz].
@@ -141,14 +142,8 @@ class Cleaner:
         other = [Task(frame=next(iter(known), "world"))]
         p = self.parameters
         model = ControlModel.FromDescription(description, kept or other)
-        self.keeper = Keeper(
-            model,
-            rate,
-            p.floor,
-            p.floor_between,
-            p.velocity_scale,
-            None if meshes is None else MeshRows(meshes, model.joint_names),
-        )
+        self.keeper = Keeper(model, rate, p.floor, p.floor_between, p.velocity_scale)
+        self.meshes = None if meshes is None else MeshRows(meshes, model.joint_names)
         self.model = model
         bare = replace(description, pairs=[])
         self._poses = ControlModel.FromDescription(bare, kept) if kept else None
@@ -184,7 +179,9 @@ class Cleaner:
             progress: is called with the number of frames that are done.
         """
         problem = self._problem(reference, root_rotations, carries)
-        return Cleaned(*self.keeper.keep(problem, reference, progress=progress))
+        return Cleaned(
+            *self.keeper.keep(problem, reference, progress=progress, meshes=self.meshes)
+        )
 
     def _problem(self, reference, root_rotations, carries) -> Problem:
         p, model = self.parameters, self.model

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from crar_drake.errors import plural
 from crar_drake.references.reference_judge import (
     Beyond,
     PairFrames,
@@ -209,7 +210,7 @@ def _mesh_lines(verdict: ReferenceVerdict) -> Iterator[str]:
     for contact in meshes.refuted[:_MOST]:
         yield (
             f"    {contact.pair[0]} - {contact.pair[1]}: only their hulls, in "
-            f"{_frames(contact.num_samples)}"
+            f"{plural(contact.num_samples, 'frame')}"
         )
     yield from _more(len(meshes.refuted))
     if meshes.left_out:
@@ -220,7 +221,7 @@ def _mesh_lines(verdict: ReferenceVerdict) -> Iterator[str]:
 def _pair_lines(pairs: tuple[PairFrames, ...], rate: float) -> Iterator[str]:
     for pair in pairs[:_MOST]:
         yield (
-            f"    {pair.pair[0]} - {pair.pair[1]}: {_frames(len(pair.frames))} "
+            f"    {pair.pair[0]} - {pair.pair[1]}: {plural(len(pair.frames), 'frame')} "
             f"({_spans(pair.frames)}), deepest {1e3 * pair.depth:.1f} mm at "
             f"{pair.frame / rate:.2f} s"
         )
@@ -231,11 +232,11 @@ def _beyond_lines(
     what: str, beyond: tuple[Beyond, ...], unit: str, rate: float
 ) -> Iterator[str]:
     yield f"  {what}: " + (
-        f"{_frames(len(frames_of(beyond)))} beyond" if beyond else "none beyond"
+        f"{plural(len(frames_of(beyond)), 'frame')} beyond" if beyond else "none beyond"
     )
     for joint in beyond[:_MOST]:
         yield (
-            f"    {joint.joint}: {_frames(len(joint.frames))} "
+            f"    {joint.joint}: {plural(len(joint.frames), 'frame')} "
             f"({_spans(joint.frames)}), by up to {joint.excess:.3g} {unit} at "
             f"{joint.frame / rate:.2f} s"
         )
@@ -250,10 +251,6 @@ def _spans(frames: tuple[int, ...]) -> str:
         for s in np.split(np.array(frames), cuts)
     ]
     return ", ".join(spans[:3]) + (", ..." if len(spans) > 3 else "")
-
-
-def _frames(number: int) -> str:
-    return f"{number} frame{'' if number == 1 else 's'}"
 
 
 def _more(number: int) -> Iterator[str]:

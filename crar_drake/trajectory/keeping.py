@@ -118,7 +118,6 @@ class Keeper:
         floor: distance that watched pairs keep at each frame [m].
         floor_between: and on each straight way to the next frame [m].
         velocity_scale: share of the robot's velocity limits that may be used.
-        meshes: are parted as well, if not None.
         room: (num_rows,) by how much farther apart pairs of shapes are asked to be,
             where they can; nothing is certified of it [m].
     """
@@ -130,12 +129,10 @@ class Keeper:
         floor: float,
         floor_between: float,
         velocity_scale: float = 1.0,
-        meshes: Meshes | None = None,
     ) -> None:
         """
         Args:
-            model, rate, floor, floor_between, velocity_scale, meshes: see the
-                attributes.
+            model, rate, floor, floor_between, velocity_scale: see the attributes.
 
         Raises:
             ModelError: watched shapes are others than capsules, spheres and hulls.
@@ -147,7 +144,7 @@ class Keeper:
             )
         self.model, self.rate, self.rest = model, rate, model.rest_positions()
         self.floor, self.floor_between = floor, floor_between
-        self.velocity_scale, self.meshes = velocity_scale, meshes
+        self.velocity_scale = velocity_scale
         plant = model.plant
         self._reaches = hold(
             find_reaches(
@@ -243,6 +240,7 @@ class Keeper:
         effort: Effort | None = None,
         progress: Callable[[int], None] | None = None,
         also: np.ndarray | None = None,
+        meshes: Meshes | None = None,
     ) -> tuple[np.ndarray, np.ndarray, Effort]:
         """The motion at its minimum where it was changed.
 
@@ -252,6 +250,7 @@ class Keeper:
             effort: that it took until then.
             progress: is called with the number of frames that are done.
             also: (T,) frames that are solved even if they violate nothing.
+            meshes: are parted as well.
 
         Returns:
             (T, m) the motion; (T,) frames that still violate something, at them or on
@@ -274,12 +273,12 @@ class Keeper:
             effort=effort or Effort(),
         )
         solved = problem
-        if self.meshes is not None:
-            nowhere = np.zeros((self.meshes.num_pairs, frames), dtype=bool)
-            solved = self._with_meshes(problem, nowhere, 1)
+        if meshes is not None:
+            nowhere = np.zeros((meshes.num_pairs, frames), dtype=bool)
+            solved = self._with_meshes(problem, meshes, nowhere, 1)
         self._solve(solved, y, state, violating, range(_TRIES), progress)
-        if self.meshes is not None:
-            self._part_meshes(problem, y, state)
+        if meshes is not None:
+            self._part_meshes(problem, meshes, y, state)
         return y, self._violating(state.margins), state.effort
 
     def _joints(self, y: np.ndarray) -> np.ndarray:
@@ -343,14 +342,16 @@ class Keeper:
             state.between[gaps & (state.parts >= _MOST_PARTS)] += 1e-3
             state.parts[gaps] = np.minimum(2 * state.parts[gaps], _MOST_PARTS)
 
-    def _part_meshes(self, problem: Problem, y: np.ndarray, state: _State) -> None:
+    def _part_meshes(
+        self, problem: Problem, meshes: Meshes, y: np.ndarray, state: _State
+    ) -> None:
         """Parts the meshes that touch on a motion.
 
         Args:
             problem, y, state: as of `_solve`.
         """
         q, before = self._joints(y), y.copy()
-        touching = self.meshes.touching(q)
+        touching = meshes.touching(q)
         where, violated = np.zeros_like(touching), self._violating(state.margins)
         was_worse = touching.any(axis=0) + len(y) * violated
         for number in range(_ROUNDS):
@@ -365,12 +366,12 @@ class Keeper:
             parts = 2**number
             state.parts[some] = np.maximum(state.parts[some], parts)
             was = y.copy()
-            more = replace(self._with_meshes(problem, where, parts), about=was)
+            more = replace(self._with_meshes(problem, meshes, where, parts), about=was)
             self._solve(more, y, state, some, (1, 1))
             for start, end in _runs(spread((y != was).any(axis=1), 1)):
                 # What a frame does is known with the ways from and to its neighbours.
                 first = max(start - 1, 0)
-                found = self.meshes.touching(q[first : end + 1])
+                found = meshes.touching(q[first : end + 1])
                 touching[:, start:end] = found[:, start - first : end - first]
         changed = (y != before).any(axis=1)
         worse = touching.any(axis=0) + len(y) * self._violating(state.margins)
@@ -382,9 +383,11 @@ class Keeper:
         if undone.any():
             state.margins = self._margins_again(q, state.margins, undone)
 
-    def _with_meshes(self, problem: Problem, where: np.ndarray, parts: int) -> Problem:
+    def _with_meshes(
+        self, problem: Problem, meshes: Meshes, where: np.ndarray, parts: int
+    ) -> Problem:
         """Also with rows of meshes; where and parts as of `Meshes`."""
-        of_meshes = self.meshes.near_rows(where, parts)
+        of_meshes = meshes.near_rows(where, parts)
 
         def near_rows(at: Samples, y: np.ndarray, look: float) -> NearRows:
             rows = of_meshes(at, self._joints(y), look)
@@ -394,7 +397,7 @@ class Keeper:
             rows = rows._replace(row=number, gradient=gradient)
             return join_rows(problem.near_rows(at, y, look), rows)
 
-        count = problem.num_rows + self.meshes.num_pairs
+        count = problem.num_rows + meshes.num_pairs
         return replace(problem, near_rows=near_rows, num_rows=count)
 
     def _lay_chords(self, y: np.ndarray, violating: np.ndarray) -> np.ndarray:

@@ -168,9 +168,9 @@ def _ways(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
     ends = {name: of for name, (of, _) in LIMBS.items() if set(of) <= set(places)}
     if not ends:
         return {}
-    ways = np.stack([places[b] - places[a] for a, b in ends.values()])  # (limbs, T, 3)
-    ways = low_pass(ways.swapaxes(0, 1), performer.frame_rate, cutoff).swapaxes(0, 1)
-    found = dict(zip(ends, ways, strict=True))
+    ways = np.stack([places[b] - places[a] for a, b in ends.values()], axis=1)
+    ways = low_pass(ways, performer.frame_rate, cutoff)
+    found = dict(zip(ends, ways.swapaxes(0, 1), strict=True))
     for name, way in found.items():
         norm = np.linalg.norm(way, axis=1)
         frame = int(norm.argmin())

@@ -207,17 +207,19 @@ class Retargeter:
         y = np.zeros((frames, ROOT + n))
         rest = self.rest[self.model.controlled_positions]
         y[:, ROOT:] = np.clip(rest, self._lower, self._upper)
-        keeper = self._keeper_of(rate, meshes)
+        keeper = self._keeper_of(rate)
         problem = self._problem(targets, keeper, y)
         effort = Effort()
         y = keeper.found_without_rows(problem, y, effort)
         stiff = np.full(ROOT + n, (p.change_smoothing * rate) ** 2)
         problem = replace(problem, about=y, smoothness=stiff)
-        y, violating, effort = keeper.keep(problem, y, effort, progress)
+        y, violating, effort = keeper.keep(problem, y, effort, progress, meshes=meshes)
         tasks, slip = problem.tasks, problem.tasks.slip(y)
         if slip > 0.0:
             slipping = tasks.let_slipping_go(y)
-            again, still, effort = keeper.keep(problem, y, effort, progress, slipping)
+            again, still, effort = keeper.keep(
+                problem, y, effort, progress, slipping, meshes
+            )
             if tasks.slip(again) < slip and still.sum() <= violating.sum():
                 y, violating = again, still
         turned = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
@@ -311,14 +313,13 @@ class Retargeter:
             num_rows=keeper.num_rows + len(self.floor_points[0]),
         )
 
-    def _keeper_of(self, rate: float, meshes: Meshes | None) -> Keeper:
+    def _keeper_of(self, rate: float) -> Keeper:
         """Making one takes a tenth of a second: the last one is kept."""
         if self._keeper is None or self._keeper.rate != rate:
             p = self.parameters
             keeper = Keeper(self.model, rate, p.floor, p.floor_between)
             keeper.room[self._between_legs()] = p.between_legs
             self._keeper = keeper
-        self._keeper.meshes = meshes
         return self._keeper
 
     def _between_legs(self) -> np.ndarray:

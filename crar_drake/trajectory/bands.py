@@ -8,12 +8,14 @@ Of L frames with m unknowns each the matrix is
 
 with E diagonal. Rows of more frames in a row (`add_wide`) fill these blocks, and others
 below. A Cholesky factorisation of its 2 m bands, or W m of rows of W frames, takes a
-time that is linear in L.
+time that is linear in L. Rows are added to the bands as LAPACK has them, H (L, m, B):
+of column c of frame k the diagonal, then what is below. So element (i, c) of the block
+of frame k + a with frame k is H[k, c, a m + i - c].
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg.blas import dsbmv
@@ -26,80 +28,60 @@ from crar_drake.equations.compilation import compiled
 class Normal:
     """H x = b, symmetric positive definite."""
 
-    # (L, m, m) blocks of H on its diagonal, of which the lower triangles count
-    D: np.ndarray
-    S: np.ndarray  # (L - 1, m, m) below them: of frame k + 1 with frame k
-    E: np.ndarray  # (L - 2, m) the diagonals of the blocks below these
+    # (L, m, B) its bands, see the module: B is 2 m + 1, or W m where rows are of W
+    # frames
+    H: np.ndarray
     b: np.ndarray  # (L, m)
-    # (A, L, m, m) what is added in full, of frame k + 2 + a with frame k: to the blocks
-    # E, and to those below; none for nothing
-    F: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0, 0)))
 
-    def of_frames(self, some: np.ndarray, b: np.ndarray) -> Normal:
+    def of_frames(self, some: np.ndarray, b: np.ndarray, width: int = 0) -> Normal:
         """Of some frames, in ascending order, the others held; to be added to.
 
         Args:
             some: (K,) which.
             b: (K, m) of them.
+            width: W of wide rows that are to be added, if there are such.
         """
-        S, E = self.S[some[:-1]], self.E[some[:-2]]
-        S[np.diff(some) != 1], E[some[2:] - some[:-2] != 2] = 0.0, 0.0
-        return Normal(self.D[some], S, E, b)
+        m, bands = self.H.shape[1:]
+        H = np.take(self.H, some, axis=0)
+        for gap, first in ((np.diff(some) != 1, m), (some[2:] - some[:-2] != 2, 2 * m)):
+            k = np.flatnonzero(gap)
+            below = np.arange(bands) >= first - np.arange(m)[:, None]
+            H[k] = np.where(below, 0.0, H[k])
+        if width:
+            wide = np.zeros((len(some), m, width * m))
+            wide[..., :bands] = H
+            H = wide
+        return Normal(H, b)
 
     def add_to_diagonal(self, frames: np.ndarray, values: np.ndarray) -> None:
-        """Adds (K, m) values to the diagonals of the blocks D of K different frames."""
-        n = np.arange(self.D.shape[1])
-        self.D[frames[:, None], n, n] += values
+        """Adds (K, m) values to the diagonal of H, of K different frames."""
+        self.H[frames, :, 0] += values
 
-    def bands(self) -> np.ndarray:
-        """(2 m + 1, L m), or ((2 + A) m, L m), as LAPACK has them: from the diagonal
-        down."""
-        filled = fill_bands(self.D, self.S, self.E, self.F)
-        return filled.reshape(self.b.size, -1).T
+    def times(self, x: np.ndarray) -> np.ndarray:
+        """H x (L, m)."""
+        bands = self._bands()
+        found = dsbmv(len(bands) - 1, 1.0, bands, x.reshape(-1), lower=1)
+        return found.reshape(x.shape)
 
     def solve(self) -> np.ndarray | None:
-        """x (L, m); None if H is not positive definite."""
-        factor, failed = dpbtrf(self.bands(), lower=1, overwrite_ab=1)
+        """x (L, m), in the place of H; None if that is not positive definite."""
+        factor, failed = dpbtrf(self._bands(), lower=1, overwrite_ab=1)
         if failed:
             return None
         x, _ = dpbtrs(factor, self.b.reshape(-1), lower=1)
         return x.reshape(self.b.shape)
 
-
-def times(bands: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """H x (L, m), with what `Normal.bands` says of H."""
-    return dsbmv(len(bands) - 1, 1.0, bands, x.reshape(-1), lower=1).reshape(x.shape)
-
-
-@compiled(loops=True)
-def fill_bands(
-    D: np.ndarray, S: np.ndarray, E: np.ndarray, F: np.ndarray
-) -> np.ndarray:
-    """(L, m, 2 m + 1), or (L, m, (2 + A) m) with F, of a `Normal`: of each column the
-    diagonal and what is below."""
-    L, m = D.shape[:2]
-    columns = np.zeros((L, m, (2 + len(F)) * m if len(F) else 2 * m + 1))
-    for k in range(L):
-        for c in range(m):
-            for i in range(c, m):
-                columns[k, c, i - c] = D[k, i, c]
-            if k + 1 < L:
-                for i in range(m):
-                    columns[k, c, m - c + i] = S[k, i, c]
-            if k + 2 < L:
-                columns[k, c, 2 * m] = E[k, c]
-            for a in range(min(len(F), L - 2 - k)):
-                for i in range(m):
-                    columns[k, c, (2 + a) * m - c + i] += F[a, k, i, c]
-    return columns
+    def _bands(self) -> np.ndarray:
+        """(B, L m)."""
+        return self.H.reshape(self.b.size, -1).T
 
 
 @compiled(loops=True)
-def add_squares(D: np.ndarray, b: np.ndarray, J: np.ndarray, r: np.ndarray) -> None:
+def add_squares(H: np.ndarray, b: np.ndarray, J: np.ndarray, r: np.ndarray) -> None:
     """Adds the least squares |J_k x_k + r_k|^2 of frames; rows have few numbers.
 
     Args:
-        D, b: (L, m, m), (L, m) of a `Normal`.
+        H, b: of a `Normal`.
         J: (L, R, m).
         r: (L, R).
     """
@@ -115,13 +97,12 @@ def add_squares(D: np.ndarray, b: np.ndarray, J: np.ndarray, r: np.ndarray) -> N
                 x = J[k, row, some[i]]
                 b[k, some[i]] -= x * r[k, row]
                 for j in range(i + 1):
-                    D[k, some[i], some[j]] += x * J[k, row, some[j]]
+                    H[k, some[j], some[i] - some[j]] += x * J[k, row, some[j]]
 
 
 @compiled(loops=True)
 def add_steps(
-    D: np.ndarray,
-    S: np.ndarray,
+    H: np.ndarray,
     b: np.ndarray,
     before: np.ndarray,
     after: np.ndarray,
@@ -132,7 +113,7 @@ def add_steps(
     """Adds the least squares |B x_l - A x_k + r|^2 of steps from a frame to the next.
 
     Args:
-        D, S, b: of a `Normal`.
+        H, b: of a `Normal`.
         before, after: (K,) the frames k and l = k + 1; -1 where that one is held.
         A, B: (K, F, m).
         r: (K, F).
@@ -146,21 +127,21 @@ def add_steps(
                 if k >= 0 and x != 0.0:
                     b[k, i] += x * r[step, row]
                     for j in range(i + 1):
-                        D[k, i, j] += x * A[step, row, j]
+                        H[k, j, i - j] += x * A[step, row, j]
                 if after_k >= 0 and y != 0.0:
                     b[after_k, i] -= y * r[step, row]
                     for j in range(i + 1):
-                        D[after_k, i, j] += y * B[step, row, j]
+                        H[after_k, j, i - j] += y * B[step, row, j]
                     if k >= 0:
                         for j in range(m):
-                            S[k, i, j] -= y * A[step, row, j]
+                            H[k, j, m + i - j] -= y * A[step, row, j]
 
 
-def _add_rows_loops(D, S, b, left, right, share, g, weight, target):
+def _add_rows_loops(H, b, left, right, share, g, weight, target):
     # Rows of one sample come one after the other: their sum is added once. Of what is
     # symmetric the lower triangle is summed.
     m = g.shape[1]
-    H, h = np.zeros((m, m)), np.zeros(m)
+    squares, h = np.zeros((m, m)), np.zeros(m)
     some, moving = 0, np.empty(m, dtype=np.int64)
     for r in range(len(g)):
         if weight[r] != 0.0:
@@ -174,7 +155,7 @@ def _add_rows_loops(D, S, b, left, right, share, g, weight, target):
                 scaled = weight[r] * g[r, i]
                 h[i] += scaled * target[r]
                 for c in range(a + 1):
-                    H[i, moving[c]] += scaled * g[r, moving[c]]
+                    squares[i, moving[c]] += scaled * g[r, moving[c]]
         k, after, t = left[r], right[r], share[r]
         u = 1.0 - t
         if (
@@ -194,22 +175,21 @@ def _add_rows_loops(D, S, b, left, right, share, g, weight, target):
                 b[after, i] += t * h[i]
             h[i] = 0.0
             for j in range(i + 1):
-                product = H[i, j]
-                H[i, j] = 0.0
+                product = squares[i, j]
+                squares[i, j] = 0.0
                 if k >= 0:
-                    D[k, i, j] += u * u * product
+                    H[k, j, i - j] += u * u * product
                 if after >= 0:
-                    D[after, i, j] += t * t * product
+                    H[after, j, i - j] += t * t * product
                     if k >= 0:
-                        S[k, i, j] += u * t * product
+                        H[k, j, m + i - j] += u * t * product
                         if i != j:
-                            S[k, j, i] += u * t * product
+                            H[k, i, m + j - i] += u * t * product
 
 
 @compiled(loops=_add_rows_loops)
 def add_rows(
-    D: np.ndarray,
-    S: np.ndarray,
+    H: np.ndarray,
     b: np.ndarray,
     left: np.ndarray,
     right: np.ndarray,
@@ -221,29 +201,32 @@ def add_rows(
     """Adds the rows of least squares weight |g ((1 - t) x_k + t x_l) - target|^2.
 
     Args:
-        D, S, b: of a `Normal`.
+        H, b: of a `Normal`.
         left, right: (R,) the frames k and l = k + 1; -1 where that one is held.
         share: (R,) t; rows with the same frame and share come one after the other.
         g: (R, m).
         weight, target: (R,); a weight may be 0.
     """
-    squares = (weight[:, None, None] * g[:, :, None]) * g[:, None, :]
+    m = g.shape[1]
+    c, i = np.triu_indices(m)
+    squares = (weight[:, None] * g[:, i]) * g[:, c]
     pulls = (weight * target)[:, None] * g
     for frames, shares in ((left, 1.0 - share), (right, share)):
         there = frames >= 0
         by = shares[there]
-        np.add.at(D, frames[there], (by * by)[:, None, None] * squares[there])
+        at = frames[there][:, None], c, i - c
+        np.add.at(H, at, (by * by)[:, None] * squares[there])
         np.add.at(b, frames[there], by[:, None] * pulls[there])
     both = (left >= 0) & (right >= 0)
     by = (share * (1.0 - share))[both]
-    np.add.at(S, left[both], by[:, None, None] * squares[both])
+    c, i = np.divmod(np.arange(m * m), m)
+    squares = (by * weight[both])[:, None] * g[both][:, i] * g[both][:, c]
+    np.add.at(H, (left[both][:, None], c, m + i - c), squares)
 
 
 @compiled(loops=True)
 def add_wide(
-    D: np.ndarray,
-    S: np.ndarray,
-    F: np.ndarray,
+    H: np.ndarray,
     b: np.ndarray,
     places: np.ndarray,
     g: np.ndarray,
@@ -254,7 +237,7 @@ def add_wide(
     in a row.
 
     Args:
-        D, S, F, b: of a `Normal`, with W - 2 blocks F of each frame.
+        H, b: of a `Normal`, of W m bands.
         places: (R, W) the frames k_a, in ascending order; -1 where one is held.
         g: (R, W, m).
         weight: of all.
@@ -272,7 +255,7 @@ def add_wide(
                     continue
                 b[k, i] += x * target[r]
                 for j in range(i + 1):
-                    D[k, i, j] += x * g[r, a, j]
+                    H[k, j, i - j] += x * g[r, a, j]
                 for c in range(a):
                     before = places[r, c]
                     # What is held between two of them is no place.
@@ -280,10 +263,7 @@ def add_wide(
                     if before < 0 or by == 0:
                         continue
                     for j in range(m):
-                        if by == 1:
-                            S[before, i, j] += x * g[r, c, j]
-                        else:
-                            F[by - 2, before, i, j] += x * g[r, c, j]
+                        H[before, j, by * m + i - j] += x * g[r, c, j]
 
 
 def _along_rows_loops(g, left, right, share, x):

@@ -50,7 +50,6 @@ from crar_drake.trajectory.bands import (
     add_steps,
     add_wide,
     along_rows,
-    times,
 )
 from crar_drake.trajectory.distance_rows import NearRows, no_rows
 
@@ -467,7 +466,7 @@ class Part:
         frames, m = base.b.shape
         of_wide, wide = self._wide_penalty(penalty), at.wide
         wide_places = live.place[wide.frames]  # (R, W)
-        bands, weights = base.bands(), (penalty, rho, rho, of_wide)
+        weights = penalty, rho, rho, of_wide
 
         def moved(step: np.ndarray) -> tuple[np.ndarray, ...]:
             moving = np.vstack([step, np.zeros(m)])  # -1: a frame that is held
@@ -503,11 +502,11 @@ class Part:
             some = np.flatnonzero(_closed(spread(turned, _BESIDE)))
             place = np.full(frames + 1, -1)
             place[some] = np.arange(len(some))
-            normal = base.of_frames(some, -slope[some])
+            width = wide_places.shape[1] if len(wide.d) else 0
+            normal = base.of_frames(some, -slope[some], width)
             near = np.flatnonzero(on[0] & ((place[left] >= 0) | (place[right] >= 0)))
             add_rows(
-                normal.D,
-                normal.S,
+                normal.H,
                 normal.b,
                 place[left[near]],
                 place[right[near]],
@@ -528,11 +527,8 @@ class Part:
                 there = places >= 0
                 normal.b[places[there]] += sign * push[there]
             if len(wide.d):
-                normal.F = np.zeros((wide_places.shape[1] - 2, len(some), m, m))
                 add_wide(
-                    normal.D,
-                    normal.S,
-                    normal.F,
+                    normal.H,
                     normal.b,
                     place[wide_places[on[3]]],
                     wide.gradient[on[3]],
@@ -545,7 +541,7 @@ class Part:
                 return None
             way = np.zeros((frames, m))
             way[some] = found
-            going, pulled = moved(way), times(bands, way)
+            going, pulled = moved(way), base.times(way)
             straight = float(np.vdot(way, slope)), float(np.vdot(way, pulled))
             share = _share_of_way(straight, lacks, going, weights)
             step = step + share * way
@@ -558,22 +554,20 @@ class Part:
         problem, some = self.problem, live.frames
         weight, stiff = problem.posture_weight**2, self.problem.smoothness**2
         frames, m = len(some), at.y.shape[1]
-        D, b, j = np.zeros((frames, m, m)), np.zeros((frames, m)), np.arange(m)
-        add_squares(D, b, at.done.J[live.own], at.done.r[live.own])
+        H, b = np.zeros((frames, m, 2 * m + 1)), np.zeros((frames, m))
+        add_squares(H, b, at.done.J[live.own], at.done.r[live.own])
         centre, first, second = self._stiffness
-        D[:, j, j] += weight + damping[:, None] + centre[some, None] * stiff
-        S, E = np.zeros((max(frames - 1, 0), m, m)), np.zeros((max(frames - 2, 0), m))
+        H[:, :, 0] += weight + damping[:, None] + centre[some, None] * stiff
         by_one, by_two = np.diff(some) == 1, (some[2:] - some[:-2]) == 2
-        S[:, j, j] = np.where(by_one, first[some[:-1]], 0.0)[:, None] * stiff
-        if frames > 2:
-            E[:] = np.where(by_two, second[some[:-2]], 0.0)[:, None] * stiff
+        H[:-1, :, m] = np.where(by_one, first[some[:-1]], 0.0)[:, None] * stiff
+        H[:-2, :, 2 * m] = np.where(by_two, second[some[:-2]], 0.0)[:, None] * stiff
         bends = np.diff(at.y - self._about, 2, axis=0)
         pull = np.zeros_like(at.y)
         pull[:-2] += bends
         pull[1:-1] -= 2.0 * bends
         pull[2:] += bends
         b -= weight * (at.y - self._posture)[some] + stiff * pull[some]
-        normal = Normal(D, S, E, b)
+        normal = Normal(H, b)
         self._add_standing(normal, at, live)
         return normal
 
@@ -601,8 +595,7 @@ class Part:
         place[live.frames] = np.arange(len(live.frames))
         weights, G = v[:, :, None], at.done.G
         add_steps(
-            normal.D,
-            normal.S,
+            normal.H,
             normal.b,
             place[live.seen[before]],
             place[live.seen[before + 1]],
@@ -722,9 +715,8 @@ def _add_speeds(
 ) -> None:
     """Adds (K, m) `much` times the squared change in each step, from a frame to the
     next (K,); -1 where that is held."""
-    j = np.arange(much.shape[1])
     for places in (left, right):
         there = places >= 0
         normal.add_to_diagonal(places[there], much[there])
     both = (left >= 0) & (right >= 0)
-    normal.S[left[both][:, None], j, j] -= much[both]
+    normal.H[left[both], :, much.shape[1]] -= much[both]

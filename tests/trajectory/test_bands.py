@@ -9,29 +9,30 @@ from crar_drake.trajectory.bands import (
     add_squares,
     add_steps,
     add_wide,
-    times,
 )
 
 
 def dense(normal: Normal) -> np.ndarray:
     frames, m = normal.b.shape
-    H = np.zeros((frames, m, frames, m))
-    for k in range(frames):
-        H[k, :, k] = np.tril(normal.D[k]) + np.tril(normal.D[k], -1).T
-    for k in range(frames - 1):
-        H[k + 1, :, k], H[k, :, k + 1] = normal.S[k], normal.S[k].T
-    for k in range(frames - 2):
-        H[k + 2, :, k] = H[k, :, k + 2] = np.diag(normal.E[k])
-    return H.reshape(frames * m, -1)
+    columns = normal.H.reshape(frames * m, -1)
+    H = np.zeros((frames * m, frames * m))
+    for c, below in enumerate(columns):
+        below = below[: len(H) - c]
+        H[c : c + len(below), c] = H[c, c : c + len(below)] = below
+    return H
 
 
 def some_normal(frames: int, m: int, seed: int) -> Normal:
     rng = np.random.default_rng(seed)
-    D = rng.normal(size=(frames, m, m))
-    D = D @ D.swapaxes(1, 2) + 10.0 * np.eye(m)
-    S = rng.normal(size=(max(frames - 1, 0), m, m))
-    E = rng.normal(size=(max(frames - 2, 0), m))
-    return Normal(D, S, E, rng.normal(size=(frames, m)))
+    H = np.zeros((frames, m, 2 * m + 1))
+    for k in range(frames):
+        D, S = rng.normal(size=(2, m, m))
+        D = D @ D.T + 10.0 * np.eye(m)
+        for c in range(m):
+            H[k, c, : m - c] = D[c:, c]
+            H[k, c, m - c : 2 * m - c] = S[:, c]
+            H[k, c, 2 * m] = rng.normal()
+    return Normal(H, rng.normal(size=(frames, m)))
 
 
 @pytest.mark.parametrize("frames", [1, 2, 3, 7])
@@ -44,7 +45,7 @@ def test_the_solution_is_that_of_the_dense_matrix(frames, m):
 
 def test_what_is_not_positive_definite_has_no_solution():
     normal = some_normal(3, 2, 1)
-    normal.D[1] -= 100.0 * np.eye(2)
+    normal.H[1, :, 0] -= 100.0
     assert np.linalg.eigvalsh(dense(normal)).min() < 0.0
     assert normal.solve() is None
 
@@ -71,7 +72,7 @@ def test_rows_are_least_squares_of_frames_and_places_between(monkeypatch):
     for form in forms(add_rows):
         found = some_normal(frames, m, 2)
         before = dense(found), found.b.copy()
-        form(found.D, found.S, found.b, left, right, share, g, weight, target)
+        form(found.H, found.b, left, right, share, g, weight, target)
         np.testing.assert_allclose(
             dense(found) - before[0], A.T @ (weight[:, None] * A), atol=1e-12
         )
@@ -95,7 +96,7 @@ def test_squares_of_frames_are_those_of_the_dense_matrix():
     for form in forms(add_squares):
         found = some_normal(3, 4, 3)
         before = dense(found), found.b.copy()
-        form(found.D, found.b, J, r)
+        form(found.H, found.b, J, r)
         A = np.zeros((3, 5, 3, 4))
         for k in range(3):
             A[k, :, k] = J[k]
@@ -121,7 +122,7 @@ def test_squares_of_steps_are_those_of_the_dense_matrix():
     for form in forms(add_steps):
         found = some_normal(3, 4, 4)
         was = dense(found), found.b.copy()
-        form(found.D, found.S, found.b, before, after, A, B, r)
+        form(found.H, found.b, before, after, A, B, r)
         np.testing.assert_allclose(dense(found) - was[0], rows.T @ rows, atol=1e-12)
         pull = (found.b - was[1]).ravel()
         np.testing.assert_allclose(pull, -rows.T @ r.ravel(), atol=1e-12)
@@ -131,7 +132,7 @@ def test_bands_times_a_vector_and_some_frames_alone_are_of_the_dense_matrix():
     normal, rng = some_normal(8, 3, 9), np.random.default_rng(9)
     x, H = rng.normal(size=(8, 3)), dense(normal)
     np.testing.assert_allclose(
-        times(normal.bands(), x).ravel(), H @ x.ravel(), rtol=1e-12, atol=1e-12
+        normal.times(x).ravel(), H @ x.ravel(), rtol=1e-12, atol=1e-12
     )
     some = np.array([0, 1, 3, 5, 6, 7])
     part = normal.of_frames(some, rng.normal(size=(6, 3)))
@@ -178,19 +179,11 @@ def test_squares_of_frames_in_a_row_are_those_of_the_dense_matrix(width):
                 A[r, k] += g[r, a]
     A = A.reshape(5, -1)
     for form in forms(add_wide):
-        normal = some_normal(frames, 2, 4)
-        before, pull = dense(normal), normal.b.copy()
-        normal.F = np.zeros((width - 2, frames, 2, 2))
-        form(normal.D, normal.S, normal.F, normal.b, places, g, 1.7, target)
+        narrow = some_normal(frames, 2, 4)
+        normal = narrow.of_frames(np.arange(frames), narrow.b.copy(), width)
+        before, pull = dense(narrow), narrow.b
+        form(normal.H, normal.b, places, g, 1.7, target)
         H = dense(normal)
-        for a, blocks in enumerate(normal.F, start=2):
-            for k in range(frames - a):
-                here, there = (
-                    slice(2 * k, 2 * k + 2),
-                    slice(2 * (k + a), 2 * (k + a) + 2),
-                )
-                H[there, here] += blocks[k]
-                H[here, there] += blocks[k].T
         np.testing.assert_allclose(H - before, 1.7 * A.T @ A, atol=1e-12)
         np.testing.assert_allclose(
             (normal.b - pull).ravel(), 1.7 * A.T @ target, atol=1e-12

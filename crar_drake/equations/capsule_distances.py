@@ -80,7 +80,8 @@ class ShapePairs(NamedTuple):
 
     start_a: np.ndarray  # (K Ns,) where the axes of a start, among all points
     start_b: np.ndarray
-    vector_a: np.ndarray  # (K Ns,) the vectors from there to their ends
+    # (K Ns,) the vectors from there to their ends, each as many places after its start
+    vector_a: np.ndarray
     vector_b: np.ndarray
     sizes: CapsuleSizes  # (K Ns,)
     shapes: np.ndarray  # (K Nf,) which of these are looked at

@@ -31,6 +31,44 @@ def ball_distances(
     return d
 
 
+@compiled(loops=True)
+def near_balls(
+    points: np.ndarray,
+    starts: np.ndarray,
+    to_vector: int,
+    balls: np.ndarray,
+    enough: float,
+) -> np.ndarray:
+    """Which of N pairs of shapes have balls about them that are nearer than `enough`.
+
+    As `ball_distances`, of many pairs of few shapes.
+
+    Args:
+        points: (P, 3) of one configuration [m].
+        starts: (2, N) where the axes of a, and of b, start, among these.
+        to_vector: so many places after an axis' start is its vector, of each.
+        balls: (N,) of `CapsuleSizes` [m].
+        enough: [m]; infinite for all.
+
+    Returns:
+        (M,) in ascending order; those that are not a number are among them.
+    """
+    middles = np.empty((len(points) - to_vector, 3))
+    for i in range(len(middles)):
+        for c in range(3):
+            middles[i, c] = points[i, c] + 0.5 * points[i + to_vector, c]
+    near, count = np.empty(len(balls), np.int64), 0
+    for i in range(len(balls)):
+        a, b = np.uintp(starts[0, i]), np.uintp(starts[1, i])
+        x = middles[a, 0] - middles[b, 0]
+        y = middles[a, 1] - middles[b, 1]
+        z = middles[a, 2] - middles[b, 2]
+        far = max(balls[i] + enough, 0.0)
+        near[count] = i
+        count += not x * x + y * y + z * z >= far * far
+    return near[:count]
+
+
 @compiled
 def nearby_distances(q: np.ndarray, enough: np.ndarray, robot: Held) -> np.ndarray:
     """Bounds from below for the distances of pairs of shapes, exact where it matters.

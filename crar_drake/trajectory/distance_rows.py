@@ -15,7 +15,7 @@ from crar_drake.equations.kinematics import (
     link_poses,
     place_points,
 )
-from crar_drake.equations.nearby import ball_distances
+from crar_drake.equations.nearby import near_balls
 from crar_drake.robot.model import ControlModel
 
 _ROOM = 4096  # rows, to begin with
@@ -67,15 +67,19 @@ def find_near_rows(
     r = robot.value
     pairs, tree, n = r.pairs.value, r.tree.value, r.n
     nv, count = len(r.order), len(pairs.moves)
-    shapes, most = pairs.shapes[:count], room.max() if len(room) else 0.0
+    shapes = pairs.shapes[:count]
+    # Short numbers, for what is read of all pairs at each sample to be little.
+    starts = np.empty((2, count), np.int32)
+    starts[0], starts[1] = pairs.start_a[shapes], pairs.start_b[shapes]
+    to_vector = pairs.vector_a[0] - pairs.start_a[0] if count else 0
+    balls = pairs.sizes.balls[shapes] + room
     samples, rows = np.empty(_ROOM, np.int64), np.empty(_ROOM, np.int64)
     d, g = np.empty(_ROOM), np.empty((_ROOM, before + n))
     used = 0
     for k in range(len(q)):
         X = link_poses(q[k : k + 1], tree, tree.every)
         points = place_points(X, r.selection, r.first)
-        apart = ball_distances(points[0], pairs, shapes)
-        maybe = np.flatnonzero(~(apart >= enough[k] + most))
+        maybe = near_balls(points[0], starts, to_vector, balls, enough[k])
         found, normal, p, _ = nearest_points(points[0], pairs, shapes[maybe])
         S = joint_motion(points[:, : 3 * nv])[0]
         for i in range(len(maybe)):

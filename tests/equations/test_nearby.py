@@ -10,6 +10,7 @@ from crar_drake.equations.kinematics import link_poses, place_points
 from crar_drake.equations.nearby import (
     ball_distances,
     bounds_of_some,
+    near_balls,
     nearby_distances,
 )
 from crar_drake.robot.task import Task
@@ -94,3 +95,21 @@ def test_balls_are_as_far_apart_as_the_shapes_if_these_are_balls(mode) -> None:
     some = np.array([2, 0])
     found = ball_distances(points[0], pairs, pairs.shapes[some])
     np.testing.assert_allclose(found, distances(q[0])[some], atol=1e-12)
+
+
+@pytest.mark.parametrize("enough", [-0.1, 0.0, 0.4, np.inf])
+def test_near_balls_are_those_of_which_the_distances_are_less(mode, enough) -> None:
+    robot = mode.robot.value
+    pairs, tree = robot.pairs.value, robot.tree.value
+    q = np.random.default_rng(4).normal(size=(1, 2))
+    points = place_points(link_poses(q, tree, tree.every), robot.selection, robot.first)
+    some = pairs.shapes[: len(POSTS)]
+    starts = np.stack([pairs.start_a[some], pairs.start_b[some]])
+    to_vector = pairs.vector_a[0] - pairs.start_a[0]
+    balls = pairs.sizes.balls[some]
+    found = near_balls(points[0], starts, to_vector, balls, enough)
+    apart = ball_distances(points[0], pairs, some)
+    np.testing.assert_array_equal(found, np.flatnonzero(apart < enough))
+    points[:] = np.nan
+    every = near_balls(points[0], starts, to_vector, balls, enough)
+    np.testing.assert_array_equal(every, np.arange(len(POSTS)))

@@ -48,7 +48,7 @@ def join_rows(*rows: NearRows) -> NearRows:
     """Those of several kinds, whose numbers of rows are their own."""
     joined = [np.concatenate(each) for each in zip(*rows, strict=True)]
     order = np.argsort(joined[0], kind="stable")
-    return NearRows(*(x[order] for x in joined))
+    return NearRows(*(np.take(x, order, axis=0) for x in joined))
 
 
 @compiled(loops=True)

@@ -511,7 +511,7 @@ class Part:
                 place[left[near]],
                 place[right[near]],
                 t[near],
-                rows.gradient[near],
+                np.take(rows.gradient, near, axis=0),
                 np.full(len(near), penalty),
                 lacks[0][near],
             )
@@ -555,7 +555,7 @@ class Part:
         weight, stiff = problem.posture_weight**2, self.problem.smoothness**2
         frames, m = len(some), at.y.shape[1]
         H, b = np.zeros((frames, m, 2 * m + 1)), np.zeros((frames, m))
-        add_squares(H, b, at.done.J[live.own], at.done.r[live.own])
+        add_squares(H, b, np.take(at.done.J, live.own, axis=0), at.done.r[live.own])
         centre, first, second = self._stiffness
         H[:, :, 0] += weight + damping[:, None] + centre[some, None] * stiff
         by_one, by_two = np.diff(some) == 1, (some[2:] - some[:-2]) == 2

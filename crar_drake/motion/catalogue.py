@@ -46,6 +46,7 @@ from crar_drake.motion.performers.mvnx import mvnx_performer
 from crar_drake.motion.performers.points import points_performer
 from crar_drake.motion.performers.smpl import smpl_performer
 from crar_drake.motion.robots_own import holds_reference
+from crar_drake.motion.text_files import refuse_pointer
 from crar_drake.resources import builtin_motions_folder, cached
 
 CMU_PREFIX = "cmu:"
@@ -105,6 +106,7 @@ def load_performer(
     text = os.fspath(name)
     suffix = Path(text).suffix.lower() if _is_path(name) else ".amc"
     if _is_path(name):
+        refuse_pointer(os.path.expanduser(text))
         refuse_robot_motion(name)
     if suffix not in _FORMATS:
         options.refuse(("unit", "up", "facing", "joints"), f"motion {text} is an AMC")

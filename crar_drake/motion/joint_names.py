@@ -22,6 +22,9 @@ _OTHERS = frozenset(
     "control bigtoe prop meta metacarpal carpal inhand breast pocket weapon".split()
 )
 
+# Those of a bone's end. A foot's, unlike others, counts: where there are no toes.
+_ENDS = frozenset("end nub tip site".split())
+
 # Part of the body: what it is called, words glued together.
 _WORDS = {
     "toe": "toe toes toebase ball forefoot toejoint",
@@ -64,7 +67,7 @@ class Meaning:
     """What a name says."""
 
     side: str  # "left", "right" or ""
-    part: str  # a key of the table of words
+    part: str  # a key of the table of words, or "end of the foot"
 
 
 def words_of(name: str) -> list[str]:
@@ -78,8 +81,10 @@ def meaning(name: str) -> Meaning | None:
     """What a joint's name means; None if it is none of the body's main joints."""
     words = words_of(name)
     side, words = _take_side(words)
-    if _OTHERS.intersection(words):
-        return None
+    others = _OTHERS.intersection(words)
+    if others:
+        foot = "foot" in words and side and others <= _ENDS
+        return Meaning(side, "end of the foot") if foot else None
     table = _PART_OF[bool(side)]
     for count in range(min(_MOST_WORDS, len(words)), 0, -1):
         for start in range(len(words) - count, -1, -1):
@@ -155,7 +160,9 @@ def _limbs(parts: Mapping[str, int]) -> dict[str, int]:
         "hip": thigh,
         "knee": knee,
         "ankle": first("ankle", "foot"),
-        "toe": first("toe", *(("foot",) if "ankle" in parts else ())),
+        "toe": first(
+            "toe", *(("foot",) if "ankle" in parts else ()), "end of the foot"
+        ),
         "shoulder": shoulder,
         "elbow": first("elbow"),
         "wrist": first("wrist", "hand"),

@@ -11,6 +11,8 @@ _MARKS = {b"\xff\xfe\x00\x00": "utf-32", b"\x00\x00\xfe\xff": "utf-32"} | {
     b"\xfe\xff": "utf-16",
 }
 
+_POINTER = b"version https://git-lfs.github.com/spec/"
+
 # Escapes, and marks that turn the direction of a text.
 _OBEYED = re.compile("[\x01-\x08\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
@@ -33,6 +35,23 @@ def read_motion_text(path: str | os.PathLike[str]) -> str:
         ) from error
     text = _decoded(data).replace("\r\n", "\n").replace("\r", "\n")
     return _OBEYED.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+def refuse_pointer(path: str | os.PathLike[str]) -> None:
+    """Raises MotionError if a file is what Git LFS leaves in a clone in its place.
+
+    A file that cannot be read is none.
+    """
+    try:
+        with open(path, "rb") as stream:
+            start = stream.read(len(_POINTER))
+    except OSError:
+        return
+    if start == _POINTER:
+        raise MotionError(
+            f"{path}: this is a pointer of Git LFS, not the file itself, which "
+            "`git lfs pull` fetches"
+        )
 
 
 def _decoded(data: bytes) -> str:

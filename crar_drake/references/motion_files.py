@@ -12,6 +12,7 @@ import numpy as np
 from crar_drake.errors import MotionError, nearest
 from crar_drake.motion.rates import SLOWEST, rate_doubt, rate_meant
 from crar_drake.motion.robots_own import SUFFIXES
+from crar_drake.motion.text_files import refuse_pointer
 from crar_drake.references import locomujoco_npz
 from crar_drake.references.certificate_files import told_beside
 from crar_drake.references.csv_layouts import read_csv, write_csv
@@ -212,6 +213,7 @@ def _read_file(
         raise MotionError(f"{path}: there is no such file")
     if path.stat().st_size == 0:
         raise MotionError(f"{path}: the file is empty")
+    refuse_pointer(path)
     if layout is not None:
         suffix = layout_named(layout).suffix
     else:

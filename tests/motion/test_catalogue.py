@@ -14,10 +14,12 @@ from crar_drake.motion.catalogue import (
     builtin_names,
     cache_folder,
     load_clip,
+    load_performer,
     resolve,
     trial_files,
     trial_id,
 )
+from crar_drake.references.motion_files import read_motion
 
 AMC = """\
 :FULLY-SPECIFIED
@@ -130,6 +132,22 @@ def test_missing_and_wrong_files_name_the_remedy(tmp_path):
     assert "or write cmu:05_03" in refusal(str(tmp_path / "05_03.amc"))
     (tmp_path / "folder.amc").mkdir()
     assert "no such motion file" in refusal(str(tmp_path / "folder.amc"))
+
+
+@pytest.mark.parametrize("suffix", ["bvh", "npz", "csv", "pkl", "pt", "amc", "motion"])
+def test_a_pointer_of_git_lfs_is_told(suffix: str, tmp_path) -> None:
+    """What a clone without Git LFS has in a file's place, as the format's pages say."""
+    path = tmp_path / f"walk.{suffix}"
+    path.write_text(
+        "version https://git-lfs.github.com/spec/v1\n"
+        f"oid sha256:{'0' * 64}\nsize 164520\n"
+    )
+    if suffix != "motion":  # of a robot alone
+        with pytest.raises(MotionError, match="walk.*pointer of Git LFS.*git lfs pull"):
+            load_performer(path)
+    if suffix not in ("bvh", "amc", "pt"):  # of a person alone
+        with pytest.raises(MotionError, match="walk.*pointer of Git LFS.*git lfs pull"):
+            read_motion(path)
 
 
 def test_load_clip_is_called_what_the_user_called_it(tmp_path, no_cmu):

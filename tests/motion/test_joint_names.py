@@ -23,6 +23,8 @@ from crar_drake.motion.joint_names import Meaning, joints_by_name, meaning
         ("subject 7:right-shoulder", "right", "shoulder"),
         ("lowerneck", "", "neck"),
         ("Hips", "", "pelvis"),
+        ("RightFoot_End", "right", "end of the foot"),
+        ("l_foot_tip", "left", "end of the foot"),
     ],
 )
 def test_a_name_means(name, side, part) -> None:
@@ -49,6 +51,8 @@ def test_others_mean_nothing(name) -> None:
         ("LeftUpLeg LeftLeg LeftFoot LeftToeBase", "hip knee ankle toe"),
         ("left_hip left_knee left_ankle left_foot", "hip knee ankle toe"),
         ("L_Thigh L_Calf L_Foot L_Toe0", "hip knee ankle toe"),
+        ("LeftUpLeg LeftLeg LeftFoot LeftFoot_End", "hip knee ankle toe"),
+        ("LeftLeg LeftFoot_End LeftFoot LeftToe LeftToe_End", "hip - ankle toe -"),
     ],
 )
 def test_what_is_ambiguous_is_weighed(names, joints) -> None:

@@ -253,20 +253,39 @@ def test_a_slow_rate_is_doubted(clip, tmp_path) -> None:
     assert "a rate of 2 Hz is no camera's" in performed(tmp_path, text).doubts[-1]
 
 
-@pytest.mark.parametrize("held, frames", [(6, 6), (1, 1), (200, 0)])
-def test_frames_of_the_zero_pose_are_left_out(clip, tmp_path, held, frames) -> None:
-    """As converters for DAZ write them; two seconds of it are a part of the motion."""
+@pytest.mark.parametrize("last", [False, True])
+@pytest.mark.parametrize("held, frames", [(6, 6), (1, 1), (100, 100), (200, 0)])
+def test_frames_of_the_zero_pose_are_left_out(
+    clip, tmp_path, held, frames, last
+) -> None:
+    """As converters for DAZ write them first, and those of PFNN's recordings last; two
+    seconds of it are a part of the motion."""
     head, rows = with_frame_time(clip, "0.0083333").split("Frame Time: 0.0083333\n")
     rows = rows.splitlines()
-    place = rows[0].split()[:3]
-    rows = [" ".join(place + ["0"] * (len(rows[0].split()) - 3))] * held + rows
+    place = rows[-1 if last else 0].split()[:3]
+    pose = [" ".join(place + ["0"] * (len(rows[0].split()) - 3))] * held
+    rows = rows + pose if last else pose + rows
     head = head.replace(f"Frames: {clip.num_frames}", f"Frames: {len(rows)}")
     text = head + "Frame Time: 0.0083333\n" + "\n".join(rows) + "\n"
     performer = performed(tmp_path, text)
     assert performer.num_frames == len(rows) - frames
-    assert any("a pose apart" in note for note in performer.notes) == bool(frames)
+    told = [note for note in performer.notes if "a pose apart" in note]
+    assert len(told) == bool(frames)
     if frames > 1:
-        assert performer.notes[0].startswith(f"frames 1 to {frames} are a pose apart")
+        first = len(rows) - frames + 1 if last else 1
+        which = f"frames {first} to {first + frames - 1} are a pose apart"
+        assert told[0].startswith(which)
+
+
+def test_poses_apart_at_both_ends_are_left_out(clip, tmp_path) -> None:
+    head, rows = bvh_text(clip, Convention()).split("Frame Time: ")
+    time, *rows = rows.splitlines()
+    pose = " ".join(["0"] * len(rows[0].split()))
+    head = head.replace(f"Frames: {clip.num_frames}", f"Frames: {len(rows) + 3}")
+    text = "\n".join([f"{head}Frame Time: {time}", pose, *rows, pose, pose]) + "\n"
+    performer = performed(tmp_path, text)
+    assert performer.num_frames == clip.num_frames
+    assert len([n for n in performer.notes if "a pose apart" in n]) == 2
 
 
 def test_positions_of_nothing_on_every_joint_are_told(clip, plain, tmp_path) -> None:

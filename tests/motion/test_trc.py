@@ -101,3 +101,18 @@ def test_wrong_files_are_told(text: str, said: str, tmp_path: Path) -> None:
     (tmp_path / "a.trc").write_text(text)
     with pytest.raises(MotionError, match=said):
         performed(tmp_path / "a.trc")
+
+
+@pytest.mark.parametrize("points", [markers(), None])
+def test_frames_that_are_missing_are_told(points, tmp_path: Path) -> None:
+    if points is None:
+        dance = asf_amc_performer(load_clip("dance")).positions
+        points = {name: 1e3 * dance[joint][200:260] for name, joint in NAMES.items()}
+    text = trc_text(points)
+    count = len(next(iter(points.values())))
+    stated = text.replace("\t9\t", f"\t{count + 5}\t", 1)
+    (tmp_path / "a.trc").write_text(stated)
+    said = f"{count} of {count + 5} frames are there: cut off?"
+    assert said in performed(tmp_path / "a.trc").doubts
+    (tmp_path / "a.trc").write_text(text)
+    assert not any("cut off" in doubt for doubt in performed(tmp_path / "a.trc").doubts)

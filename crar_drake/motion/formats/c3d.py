@@ -41,6 +41,7 @@ class Markers:
     # what the file says of the subject, e.g. "LKneeWidth" [file units].
     measures: Mapping[str, float]
     format: str = "C3D"  # of the file
+    doubts: tuple[str, ...] = ()  # as in `Performer`
 
 
 def read_c3d(path: str | os.PathLike[str]) -> Markers:

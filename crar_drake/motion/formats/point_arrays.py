@@ -36,6 +36,7 @@ class PointArrays:
     positions: np.ndarray  # (T, J, 3) [file units]; NaN where a point is missing
     frame_rate: float  # samples per second [Hz]; 0 if the file does not say
     unit: str = ""  # what the file says, or ""
+    doubts: tuple[str, ...] = ()  # as in `Performer`
 
 
 def read_point_arrays(path: str | os.PathLike[str]) -> PointArrays:

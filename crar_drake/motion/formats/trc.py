@@ -69,11 +69,20 @@ def read_trc(path: str | os.PathLike[str]) -> Markers | PointArrays:
     positions = np.array(rows).reshape(len(rows), -1, 3)
     positions[~np.isfinite(positions).all(axis=2)] = np.nan
     refuse_far(str(path), positions)
+    doubts = _cut_off(header.get("NumFrames", ""), len(rows))
     try:
         choose_markers(labels, str(path))
     except MotionError:
-        return PointArrays(labels, positions, rate, unit)
-    return Markers(labels, positions, rate, unit, {}, "TRC")
+        return PointArrays(labels, positions, rate, unit, doubts)
+    return Markers(labels, positions, rate, unit, {}, "TRC", doubts)
+
+
+def _cut_off(stated: str, count: int) -> tuple[str, ...]:
+    """A doubt if there are fewer frames than stated. Who cuts a motion to a part often
+    leaves the heading as it was, so it is no error."""
+    if not stated.isdecimal() or count >= int(stated):
+        return ()
+    return (f"{count} of {int(stated)} frames are there: cut off?",)
 
 
 def _row(path: Path, number: int, line: str, count: int) -> list[float]:

@@ -37,12 +37,13 @@ _FLOOR = 0.15  # [m]
 _FLOOR_QUANTILE = 0.02  # of the frames, by which single bad frames do not count
 
 # A whole body moves this fast from one frame to the next, and this many times as fast
-# as ever later: what is before is a pose apart, which converters write first, once or
-# some frames long. Out of the zero pose, which is none of a motion, less tells it.
+# as ever later: what is before is a pose apart, which converters write first (or last:
+# the same in reversed time), once or some frames long. Out of the zero pose, which is
+# none of a motion, less tells it.
 _APART_SPEED = 6.0  # [m/s]
 _APART_SPEED_AT_REST = 2.0  # [m/s]
 _APART_FACTOR = 5.0
-_HELD_TIME = 0.5  # [s]
+_HELD_TIME = 1.0  # [s]
 _HELD_SPEED = 0.1  # [m/s] of a pose that is held
 
 REQUIRED = (
@@ -163,7 +164,7 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
 def frames_apart(p: Points, frame_rate: float, at_rest: np.ndarray) -> int:
     """Number of frames at the beginning that are a pose by themselves, as a T-pose.
 
-    It is held for up to half a second, and the body then leaps out of it.
+    It is held for up to a second, and the body then leaps out of it.
 
     Args:
         p: in any unit.

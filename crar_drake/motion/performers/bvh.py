@@ -64,10 +64,7 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
         doubts.append(MIRRORED)
         points = points_of(poses.positions)
     rate = _rate(bvh, name, options, notes)
-    first = frames_apart(points, rate, _at_rest(bvh))
-    if first:
-        which = "frame 1 is" if first == 1 else f"frames 1 to {first} are"
-        notes.append(f"{which} a pose apart (often a T-pose): left out")
+    kept = _kept(bvh, points, rate, notes)
     added = [bvh.joints[j].name for j in added_positions(bvh)]
     if added:
         notes.append(
@@ -75,11 +72,9 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
             + (f" and {len(added) - 1} more joints" if len(added) > 1 else "")
             + " are about 0 beside their OFFSET: added to it"
         )
-    points = {joint: q[first:] for joint, q in points.items()}
+    points = {joint: q[kept] for joint, q in points.items()}
     rotations = {
-        joint: poses.rotations[i][first:]
-        for joint, i in found.items()
-        if joint in points
+        joint: poses.rotations[i][kept] for joint, i in found.items() if joint in points
     }
     labels = {
         joint: bvh.joints[i].name or f"end of {bvh.joints[bvh.joints[i].parent].name}"
@@ -94,7 +89,7 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
         rest, rest_all = {}, None
     hands, hands_obstacle = _hands(bvh, poses, found, rest, rest_all, name)
     turns = {
-        _bone(bvh, j): turning(poses.local[j][first:])
+        _bone(bvh, j): turning(poses.local[j][kept])
         for j, joint in enumerate(bvh.joints)
         if any(channel.endswith("rotation") for channel in joint.channels)
     }
@@ -109,10 +104,9 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
             guessed=guessed,
             rest=rest,
             rotations=rotations,
-            pelvis_up=_pelvis_up(bvh, poses, found)[first:],
+            pelvis_up=_pelvis_up(bvh, poses, found)[kept],
             hands={
-                hand: tuple(v[first:] for v in vectors)
-                for hand, vectors in hands.items()
+                hand: tuple(v[kept] for v in vectors) for hand, vectors in hands.items()
             },
             hands_obstacle=hands_obstacle,
             bones=sum(bool(joint.name) for joint in bvh.joints),
@@ -122,7 +116,7 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
                 joint: frozenset(_bone(bvh, k) for k in bvh.path(i)[:-1])
                 for joint, i in found.items()
             },
-            same=repeated(bvh.values[first:]),
+            same=repeated(bvh.values[kept]),
             doubts=tuple(doubts),
             notes=tuple(notes),
             facts=(*_match_facts(match), _pose_fact(rest)),
@@ -152,6 +146,24 @@ def _rate(bvh: Bvh, name: str, options: MotionOptions, notes: list[str]) -> floa
     )
     notes.append(note)
     return rate
+
+
+def _kept(bvh: Bvh, points: Points, rate: float, notes: list[str]) -> slice:
+    """The frames without poses apart at the beginning and at the end."""
+    at_rest = _at_rest(bvh)
+    count = bvh.num_frames
+    first = frames_apart(points, rate, at_rest)
+    backwards = {joint: q[first:][::-1] for joint, q in points.items()}
+    end = count - frames_apart(backwards, rate, at_rest[first:][::-1])
+    for start, stop in ((0, first), (end, count)):
+        if start < stop:
+            which = (
+                f"frame {stop} is"
+                if stop == start + 1
+                else f"frames {start + 1} to {stop} are"
+            )
+            notes.append(f"{which} a pose apart (often a T-pose): left out")
+    return slice(first, end)
 
 
 def _at_rest(bvh: Bvh) -> np.ndarray:

@@ -31,6 +31,7 @@ def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Perfor
         marker: markers.positions[:, column[label]] for marker, label in labels.items()
     }
     points, notes, doubts = fill_all(seen, rate)
+    doubts = markers.doubts + doubts
     hidden = {marker: label for marker, label in labels.items() if marker not in points}
     if hidden:  # perhaps one that is needed
         choose_markers([labels[marker] for marker in points], name)

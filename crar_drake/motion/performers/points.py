@@ -48,6 +48,7 @@ def points_performer(
         found |= load_joint_file(options.joints, names)
     everything = {names[i]: arrays.positions[:, i] for i in range(len(names))}
     filled, notes, doubts = fill_all(everything, rate)
+    doubts = arrays.doubts + doubts
     points = {
         joint: filled[names[i]]
         for joint, i in found.items()

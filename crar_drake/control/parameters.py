@@ -10,7 +10,6 @@ import numpy as np
 from crar_drake.control.checks import check_choice, check_numbers
 from crar_drake.control.lookahead_parameters import (
     LONGEST_PLANNED_PERIOD,
-    PREVIEW,
     LookaheadParameters,
     preview_horizon,
     usual,
@@ -372,7 +371,8 @@ class CrarParameters:
 
     @property
     def planned_time(self) -> float:
-        """How far ahead accelerations are planned [s]; 0 for not at all."""
+        """How far ahead accelerations are planned, where tasks leave a choice [s]; 0
+        for not at all."""
         if self.constraints != "lookahead":
             return 0.0
         if self.lookahead.preview is not None:
@@ -380,7 +380,7 @@ class CrarParameters:
         shakes = self.period > LONGEST_PLANNED_PERIOD * (1.0 + 1e-9)
         if self.lookahead.preset is None and (shakes or self.balance is not None):
             return 0.0
-        return PREVIEW
+        return usual("preview", plans=True)
 
     @property
     def braking_horizon(self) -> float:

@@ -122,11 +122,8 @@ class LookaheadMode(Mode):
             model, parameters, gains: as of `Mode`.
             step: of what does as commanded [s]; by default that of the model's plant.
         """
-        planned_time = parameters.planned_time
-        crowded = model.m >= model.n
-        ahead = parameters.lookahead.filled(
-            parameters.period, planned_time > 0.0, crowded
-        )
+        plans, crowded = parameters.planned_time > 0.0, model.m >= model.n
+        ahead = parameters.lookahead.filled(parameters.period, plans, crowded)
         if step is None:
             step = model.plant.time_step()
         self.horizon = parameters.braking_horizon
@@ -144,7 +141,7 @@ class LookaheadMode(Mode):
         self._examines_all = not model.pairs.not_examined
         n, nv = model.n, model.n + model.n_p
         preview = make_preview(
-            planned_time,
+            ahead.preview,
             ahead.smoothness,
             *parameters.null_space_gains(crowded),
             parameters.period,

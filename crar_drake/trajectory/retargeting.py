@@ -457,8 +457,14 @@ class Retargeter:
             plant.SetPositions(context, q)
             return [frame.CalcPoseInWorld(context).translation() for frame in frames]
 
+        # Which of the frames each velocity moves; a joint that moves none or all of them
+        # does not bend the limb.
+        carried = [model.joints.place(frame.body())[0] for frame in frames]
+        moves_some = np.ptp(model.joints.moved_by[carried].astype(int), axis=0) > 0
         best = None
         for i, column in enumerate(model.controlled_positions):
+            if not moves_some[model.controlled[i]]:
+                continue
             # A joint without limits may be a hinge, too.
             low, high = np.nan_to_num(
                 [model.lower[i], model.upper[i]], neginf=-np.pi, posinf=np.pi

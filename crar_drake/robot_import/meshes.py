@@ -173,7 +173,8 @@ def guess_up_axis(robot: SourceRobot) -> tuple[str, str] | None:
 def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
     if shape.kind == "triangles":
         vertices, faces = shape.triangles
-        p_LV = shape.X_LG.multiply(vertices.T).T
+        # By rows: of another order, functions are compiled anew.
+        p_LV = np.ascontiguousarray(shape.X_LG.multiply(vertices.T).T)
         return [Part(p_LV, faces, tuple(shape.rgba or _GREY))]
     import trimesh
 

@@ -457,8 +457,7 @@ class Retargeter:
             plant.SetPositions(context, q)
             return [frame.CalcPoseInWorld(context).translation() for frame in frames]
 
-        # Which of the frames each velocity moves; a joint that moves none or all of them
-        # does not bend the limb.
+        # Which velocities move some of the frames, not all: others bend no limb.
         carried = [model.joints.place(frame.body())[0] for frame in frames]
         moves_some = np.ptp(model.joints.moved_by[carried].astype(int), axis=0) > 0
         best = None

@@ -2,7 +2,8 @@
 extra brings."""
 
 import importlib
-from collections.abc import Mapping
+import importlib.util
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import platformdirs
@@ -20,7 +21,10 @@ def install_command(extra: str) -> str:
 
 
 def require_packages(
-    packages: Mapping[str, str], purpose: str, otherwise: str = ""
+    packages: Mapping[str, str],
+    purpose: str,
+    otherwise: str = "",
+    later: Collection[str] = (),
 ) -> None:
     """Imports modules, so that one that is missing is told at once.
 
@@ -28,6 +32,7 @@ def require_packages(
         packages: module to the package of the extra `robots` that brings it.
         purpose: what needs them.
         otherwise: what to do without them, for the end of the message.
+        later: which of the modules are looked for, and not imported yet.
 
     Raises:
         ModelError: a package is not installed, or is broken.
@@ -35,7 +40,10 @@ def require_packages(
     missing = []
     for module, package in packages.items():
         try:
-            importlib.import_module(module)
+            if module not in later:
+                importlib.import_module(module)
+            elif importlib.util.find_spec(module) is None:
+                missing.append(package)
         except ImportError:
             missing.append(package)
     if missing:

@@ -1,12 +1,14 @@
 """Low-pass filtering and interpolation of recorded samples."""
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 from pydrake.math import BsplineBasis
 from pydrake.trajectories import BsplineTrajectory
 from scipy.interpolate import make_interp_spline
+from scipy.linalg.lapack import dtbtrs
 
 from crar_drake.errors import MotionError
 
@@ -55,22 +57,50 @@ def low_pass(
             f"a low-pass cutoff of {cutoff:g} Hz does not fit a frame rate of "
             f"{frame_rate:g} Hz; it must lie between 0 and {frame_rate / 2.0:g} Hz"
         )
-    # It takes most of a second, which nobody waits for who has no motion.
-    from scipy.signal import sosfiltfilt
-
-    sections = _sections(frame_rate, cutoff)
+    if not np.size(samples):  # LAPACK crashes
+        return np.asarray(samples, dtype=float)
     pad = math.ceil(_PAD_PERIODS * frame_rate / cutoff)
     widths = [(pad, pad)] + [(0, 0)] * (np.ndim(samples) - 1)
     extended = np.pad(samples, widths, mode="reflect", reflect_type="odd")
-    return sosfiltfilt(sections, extended, axis=0, padtype=None)[pad:-pad]
+    x = extended.reshape(len(extended), -1)
+    sections = _sections(frame_rate, cutoff)
+    x = _forwards(sections, _forwards(sections, x)[::-1])[::-1]
+    return x.reshape(extended.shape)[pad:-pad]
 
 
 @lru_cache(maxsize=16)
-def _sections(frame_rate: float, cutoff: float) -> np.ndarray:
-    """The filter of `low_pass`, forwards, in sections of the second order."""
-    from scipy.signal import butter
+def _sections(frame_rate: float, cutoff: float) -> list[tuple[float, float, float]]:
+    """The Butterworth filter by the bilinear transform: (b, a_1, a_2) of each section
+    b (1 + z^-1)^2 / (1 + a_1 z^-1 + a_2 z^-2), the gain of which is 1 at 0 Hz.
 
-    return butter(_ORDER, cutoff, fs=frame_rate, output="sos")
+    (`scipy.signal.butter` finds the same; to import it takes longer than to retarget a
+    short clip.)
+    """
+    w = math.tan(math.pi * cutoff / frame_rate)
+    sections = []
+    for k in range(_ORDER // 2):
+        damping = 2.0 * math.sin(math.pi * (2 * k + 1) / (2 * _ORDER)) * w
+        scale = 1.0 + damping + w * w
+        a_1, a_2 = 2.0 * (w * w - 1.0), 1.0 - damping + w * w
+        sections.append((w * w / scale, a_1 / scale, a_2 / scale))
+    return sections
+
+
+def _forwards(
+    sections: Sequence[tuple[float, float, float]], samples: np.ndarray
+) -> np.ndarray:
+    """(T, k) samples after the sections, as if the first one had been there for ever.
+
+    What a section makes of x solves y_n + a_1 y_n-1 + a_2 y_n-2 = b (x_n + 2 x_n-1 +
+    x_n-2): a matrix with three diagonals, lower triangular.
+    """
+    x = samples - samples[0]
+    for b, a_1, a_2 in sections:
+        x = np.concatenate([np.zeros((2, x.shape[1])), x])
+        x = b * (x[2:] + 2.0 * x[1:-1] + x[:-2])
+        diagonals = np.repeat([[1.0], [a_1], [a_2]], len(x), axis=1)
+        x, _ = dtbtrs(diagonals, x, uplo="L", diag="U")
+    return x + samples[0]
 
 
 def spline(time: np.ndarray, samples: np.ndarray) -> BsplineTrajectory:

@@ -20,7 +20,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import across, unit_vectors
@@ -178,6 +177,9 @@ def _across_arm(
     shoulder: np.ndarray, elbow: np.ndarray, wrist: np.ndarray, frame_rate: float
 ) -> np.ndarray:
     """(T, 3) normal of the arm's plane, inwards at the left; 0 if it never bends."""
+    # To import it takes a while, which only those wait for who have markers.
+    from scipy.ndimage import uniform_filter1d
+
     along = unit_vectors(elbow - shoulder)
     normal = np.cross(along, unit_vectors(wrist - elbow))
     window = max(1, round(_PLANE_WINDOW * frame_rate))

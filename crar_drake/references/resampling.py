@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
@@ -80,6 +79,9 @@ def retimed(
     share = slower(motion)
     if share.max(initial=0.0) <= 1.0:
         return motion
+    # To import it takes a while, which nobody waits for whose motion is not too fast.
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
     around, made = 2 * round(_SLOWING * motion.rate) + 1, motion
     factors = np.maximum(share / _SLOWED_TO, 1.0)
     for _ in range(_TRIES):

@@ -18,8 +18,8 @@ from pydrake.multibody.tree import BodyIndex, RigidBody
 
 from crar_drake.errors import ModelError
 from crar_drake.resources import require_packages
-from crar_drake.robot_import.meshes import Part, link_parts
-from crar_drake.robot_import.robot_folder import triangles_file
+from crar_drake.robot_import.meshes import Part, link_parts, read_obj
+from crar_drake.robot_import.robot_folder import TRIANGLES, triangles_file
 from crar_drake.robot_import.source_robot import Link, Shape, drake_shape
 
 # Module to the package that brings it.
@@ -49,6 +49,8 @@ def has_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> bool:
 def check_installed() -> None:
     """Asks for what meshes are read and compared with, before a long judgement.
 
+    Meshes of an imported robot are read without trimesh, which takes a while to import.
+
     Raises:
         ModelError: a package of the extra `robots` is not installed, or is broken.
     """
@@ -56,6 +58,7 @@ def check_installed() -> None:
         _PACKAGES,
         "judging by meshes",
         " (or judge by the collision shapes alone: --no-meshes)",
+        later=("trimesh",),
     )
 
 
@@ -126,7 +129,13 @@ def _shape(shape: DrakeShape, X_LG: RigidTransform, link: str) -> Shape | None:
             f"link {link!r}: cannot be judged by meshes: it has a "
             f"{type(shape).__name__} (judge by the collision shapes alone: --no-meshes)"
         )
-    return found if path is None else replace(found, path=path)
+    if path is None:
+        return found
+    if path.parent.name == TRIANGLES and found.scale == (1.0, 1.0, 1.0):
+        triangles = read_obj(path)
+        if triangles is not None:
+            return replace(found, kind="triangles", path=None, triangles=triangles)
+    return replace(found, path=path)
 
 
 def _file(shape: Mesh | Convex, link: str) -> Path:

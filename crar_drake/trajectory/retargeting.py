@@ -457,8 +457,13 @@ class Retargeter:
             plant.SetPositions(context, q)
             return [frame.CalcPoseInWorld(context).translation() for frame in frames]
 
+        # Which velocities move some of the frames, not all: others bend no limb.
+        carried = [model.joints.place(frame.body())[0] for frame in frames]
+        moves_some = np.ptp(model.joints.moved_by[carried].astype(int), axis=0) > 0
         best = None
         for i, column in enumerate(model.controlled_positions):
+            if not moves_some[model.controlled[i]]:
+                continue
             # A joint without limits may be a hinge, too.
             low, high = np.nan_to_num(
                 [model.lower[i], model.upper[i]], neginf=-np.pi, posinf=np.pi

@@ -847,6 +847,24 @@ def test_help_waits_for_nothing_that_takes_long():
     assert result.stderr == "set()\n"
 
 
+def test_a_first_clip_waits_for_no_library_that_it_does_not_use():
+    script = (
+        "import sys\n"
+        "import numpy as np\n"
+        "import crar_drake.references.clean_file\n"
+        "import crar_drake.references.retarget_file\n"
+        "from crar_drake.motion.conditioning import low_pass\n"
+        "low_pass(np.zeros((9, 3)), 30.0)\n"
+        "slow = {'scipy.signal', 'scipy.stats', 'scipy.ndimage', 'trimesh',\n"
+        "        'matplotlib', 'ezc3d'}\n"
+        "print(slow & set(sys.modules))\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=600
+    )
+    assert result.stdout == "set()\n", result.stderr
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_option_says_what_it_does(command, capsys):
     """No option and no argument is left without words, or with a default only."""

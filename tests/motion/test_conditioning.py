@@ -1,7 +1,10 @@
 """The low-pass has no phase; the spline is twice continuously differentiable."""
 
+import math
+
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfiltfilt
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import low_pass, spline
@@ -34,6 +37,22 @@ def test_gain_at_the_cutoff_is_one_half() -> None:
 def test_straight_lines_pass_untouched_ends_included() -> None:
     line = np.outer(TIME, [1.0, -2.0, 0.0]) + [5.0, 0.0, 7.0]
     np.testing.assert_allclose(low_pass(line, RATE), line, atol=1e-5)
+
+
+@pytest.mark.parametrize("rate, cutoff", [(30.0, 6.0), (120.0, 40.0), (1000.0, 6.0)])
+@pytest.mark.parametrize("shape", [(3,), (200, 4, 3)])
+def test_the_filter_is_scipy_s(rate, cutoff, shape) -> None:
+    samples = 1.0 + np.cumsum(np.random.default_rng(2).normal(size=shape), axis=0)
+    pad = math.ceil(5.0 * rate / cutoff)
+    widths = [(pad, pad)] + [(0, 0)] * (len(shape) - 1)
+    extended = np.pad(samples, widths, mode="reflect", reflect_type="odd")
+    sections = butter(4, cutoff, fs=rate, output="sos")
+    expected = sosfiltfilt(sections, extended, axis=0, padtype=None)[pad:-pad]
+    np.testing.assert_allclose(low_pass(samples, rate, cutoff), expected, atol=1e-9)
+
+
+def test_samples_of_nothing() -> None:
+    assert low_pass(np.zeros((5, 0)), RATE).shape == (5, 0)
 
 
 @pytest.mark.parametrize("frames", [3, 4, 10, 30])

@@ -13,6 +13,7 @@ from crar_drake.robot_import.meshes import (
     dae_up_axis,
     guess_up_axis,
     link_parts,
+    read_obj,
     simplified,
     write_obj,
 )
@@ -122,10 +123,31 @@ def test_decimation_keeps_the_shape():
 def test_obj_and_hulls(tmp_path):
     part = one(Shape(RigidTransform(), "box", size=(1.0, 2.0, 3.0)))
     write_obj(tmp_path / "a.obj", part.vertices, part.faces)
+    vertices, faces = read_obj(tmp_path / "a.obj")
+    np.testing.assert_allclose(vertices[faces], part.vertices[part.faces], atol=1e-5)
     again = trimesh.load_mesh(tmp_path / "a.obj")
     assert again.volume == pytest.approx(6.0)
     ((vertices, faces),) = convex_hulls([part])
     assert trimesh.Trimesh(vertices, faces).volume == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2/2 3/3\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1 2 3\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3 4\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 nan\nf 1 2 3\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\n",
+        "f 1 2 3\n",
+        "",
+    ],
+)
+def test_an_obj_that_the_import_did_not_write(tmp_path, text):
+    (tmp_path / "a.obj").write_text(text)
+    assert read_obj(tmp_path / "a.obj") is None
 
 
 def test_what_is_flat_has_no_hull():

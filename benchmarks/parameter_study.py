@@ -43,7 +43,7 @@ def variations(preview: float | None = None) -> dict[str, CrarParameters]:
     def ahead(**changes) -> CrarParameters:
         return replace(default, lookahead=replace(default.lookahead, **changes))
 
-    if default.planned_time:
+    if default.plans:
         return {
             "defaults": default,
             "preview 0.05 s": ahead(preview=0.05),

@@ -419,7 +419,7 @@ def gains(stage: Stage) -> Episode:
     others plan in other ways.
     """
     rng, p = stage.rng, _half_without_plan(stage.rng, stage.parameters)
-    if p.planned_time:
+    if p.plans:
         ahead = replace(
             p.lookahead,
             preview=float(rng.uniform(0.03, 0.3)),
@@ -435,7 +435,7 @@ def gains(stage: Stage) -> Episode:
 
 def _half_without_plan(rng: np.random.Generator, p: CrarParameters) -> CrarParameters:
     """Half of the laws that would plan do not."""
-    if p.planned_time and rng.random() < 0.5:
+    if p.plans and rng.random() < 0.5:
         p = replace(p, lookahead=replace(p.lookahead, preview=0.0))
     return p
 

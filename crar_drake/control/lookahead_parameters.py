@@ -53,7 +53,7 @@ def usual(name: str, plans: bool, crowded: bool = False) -> float | None:
     Args:
         name: of it.
         plans: whether there is a preview.
-        crowded: whether there are as many task rows as joints.
+        crowded: whether there are as many task rows as joints, or more.
     """
     return _USUAL[name][1 + crowded if plans else 0]
 

@@ -298,7 +298,7 @@ class CrarParameters:
         Args:
             crowded: as of `lookahead_parameters.usual`.
         """
-        plans = self.planned_time > 0.0
+        plans = self.plans
         damping, stiffness = self.GvN, self.nominal_posture_gain
         if damping is None:
             damping = usual("GvN", plans, crowded) or self.Gv
@@ -370,24 +370,22 @@ class CrarParameters:
         return limits
 
     @property
-    def planned_time(self) -> float:
-        """How far ahead accelerations are planned, where tasks leave a choice [s]; 0
-        for not at all."""
+    def plans(self) -> bool:
+        """Whether accelerations are planned ahead, by a preview."""
         if self.constraints != "lookahead":
-            return 0.0
+            return False
         if self.lookahead.preview is not None:
-            return self.lookahead.preview
+            return self.lookahead.preview > 0.0
         shakes = self.period > LONGEST_PLANNED_PERIOD * (1.0 + 1e-9)
-        if self.lookahead.preset is None and (shakes or self.balance is not None):
-            return 0.0
-        return usual("preview", plans=True)
+        may_not = shakes or self.balance is not None
+        return self.lookahead.preset is not None or not may_not
 
     @property
     def braking_horizon(self) -> float:
         """T of the lookahead [s]."""
         if self.lookahead.horizon is not None:
             return self.lookahead.horizon
-        if self.planned_time:
+        if self.plans:
             return preview_horizon(self.period)
         return _BRAKING_TIMES / self.Gv
 
@@ -396,7 +394,7 @@ class CrarParameters:
         """Over which the lookahead may brake where motors are weak [s]."""
         if self.lookahead.longest_horizon is not None:
             return self.lookahead.longest_horizon
-        longest = _BRAKING_TIMES / self.Gv if self.planned_time else 0.0
+        longest = _BRAKING_TIMES / self.Gv if self.plans else 0.0
         return max(self.braking_horizon, longest)
 
     def among_obstacles(self) -> "CrarParameters":

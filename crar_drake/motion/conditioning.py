@@ -57,7 +57,7 @@ def low_pass(
             f"a low-pass cutoff of {cutoff:g} Hz does not fit a frame rate of "
             f"{frame_rate:g} Hz; it must lie between 0 and {frame_rate / 2.0:g} Hz"
         )
-    if not np.size(samples):  # LAPACK crashes
+    if not np.size(samples):  # without columns LAPACK crashes
         return np.asarray(samples, dtype=float)
     pad = math.ceil(_PAD_PERIODS * frame_rate / cutoff)
     widths = [(pad, pad)] + [(0, 0)] * (np.ndim(samples) - 1)
@@ -69,7 +69,9 @@ def low_pass(
 
 
 @lru_cache(maxsize=16)
-def _sections(frame_rate: float, cutoff: float) -> list[tuple[float, float, float]]:
+def _sections(
+    frame_rate: float, cutoff: float
+) -> tuple[tuple[float, float, float], ...]:
     """The Butterworth filter by the bilinear transform: (b, a_1, a_2) of each section
     b (1 + z^-1)^2 / (1 + a_1 z^-1 + a_2 z^-2), the gain of which is 1 at 0 Hz.
 
@@ -83,7 +85,7 @@ def _sections(frame_rate: float, cutoff: float) -> list[tuple[float, float, floa
         scale = 1.0 + damping + w * w
         a_1, a_2 = 2.0 * (w * w - 1.0), 1.0 - damping + w * w
         sections.append((w * w / scale, a_1 / scale, a_2 / scale))
-    return sections
+    return tuple(sections)
 
 
 def _forwards(

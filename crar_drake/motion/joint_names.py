@@ -83,7 +83,7 @@ def meaning(name: str) -> Meaning | None:
     side, words = _take_side(words)
     others = _OTHERS.intersection(words)
     if others:
-        foot = "foot" in words and side and others <= _ENDS
+        foot = side and others <= _ENDS and set(words) - others == {"foot"}
         return Meaning(side, "end of the foot") if foot else None
     table = _PART_OF[bool(side)]
     for count in range(min(_MOST_WORDS, len(words)), 0, -1):

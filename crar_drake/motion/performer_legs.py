@@ -36,8 +36,8 @@ def smooth_legs(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
     if missing:
         raise MotionError(
             f"motion {performer.name}: it has no {', '.join(missing)}, and so no feet "
-            "to follow: name them in --joints FILE; only crar-drake run --experiment "
-            "upper-body needs none"
+            "to follow; name them in --joints FILE (crar-drake run --experiment "
+            "upper-body needs none)"
         )
     try:
         return {

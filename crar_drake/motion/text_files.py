@@ -25,8 +25,9 @@ def read_motion_text(path: str | os.PathLike[str]) -> str:
     terminal would obey, in a name, is escaped.
 
     Raises:
-        MotionError: it cannot be read.
+        MotionError: it cannot be read, or is a pointer of Git LFS.
     """
+    refuse_pointer(path)
     try:
         data = Path(path).read_bytes()
     except OSError as error:

@@ -234,7 +234,7 @@ class LiveSimulation:
     @property
     def gains(self) -> dict[str, float]:
         """Those of `GAINS` that do something in the present mode."""
-        if self.parameters.planned_time:
+        if self.parameters.plans:
             return {_SMOOTHNESS: self.parameters.lookahead.planned_smoothness}
         return {name: getattr(self.parameters, name) for name in _FEEDBACK}
 

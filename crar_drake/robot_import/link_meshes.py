@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from pydrake.geometry import (
     Convex,
     HalfSpace,
@@ -18,7 +19,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody
 
 from crar_drake.errors import ModelError
 from crar_drake.resources import require_packages
-from crar_drake.robot_import.meshes import Part, link_parts, read_obj
+from crar_drake.robot_import.meshes import GREY, Part, link_parts, read_obj
 from crar_drake.robot_import.robot_folder import TRIANGLES, triangles_file
 from crar_drake.robot_import.source_robot import Link, Shape, drake_shape
 
@@ -52,7 +53,8 @@ def check_installed() -> None:
     Meshes of an imported robot are read without trimesh, which takes a while to import.
 
     Raises:
-        ModelError: a package of the extra `robots` is not installed, or is broken.
+        ModelError: a package of the extra `robots` is not installed, or is broken;
+            that trimesh is broken is told when it is used.
     """
     require_packages(
         _PACKAGES,
@@ -81,16 +83,27 @@ def read_link_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Lin
     meshes = []
     for body in _bodies(plant):
         name = _name(plant, body)
-        shapes = []
+        parts = []
         for geometry in _geometries(plant, inspector, body):
             pose = inspector.GetPoseInFrame(geometry)
             shape = _shape(inspector.GetShape(geometry), pose, name)
             if shape is not None:
-                shapes.append(shape)
-        if shapes:
-            parts = link_parts(Link(name, tuple(shapes), (), None))
+                parts += _of_import(shape) or link_parts(Link(name, (shape,), (), None))
+        if parts:
             meshes.append(LinkMesh(name, body.index(), parts))
     return meshes
+
+
+def _of_import(shape: Shape) -> list[Part]:
+    """Of a file that the import wrote, which is read sooner than others."""
+    if shape.path is None or shape.path.parent.name != TRIANGLES:
+        return []
+    found = read_obj(shape.path) if shape.scale == (1.0, 1.0, 1.0) else None
+    if found is None:
+        return []
+    # By rows: of another order, functions are compiled anew.
+    p_LV = np.ascontiguousarray(shape.X_LG.multiply(found[0].T).T)
+    return [Part(p_LV, found[1], tuple(shape.rgba or GREY))]
 
 
 def _is_of_file(shape: DrakeShape) -> bool:
@@ -129,13 +142,7 @@ def _shape(shape: DrakeShape, X_LG: RigidTransform, link: str) -> Shape | None:
             f"link {link!r}: cannot be judged by meshes: it has a "
             f"{type(shape).__name__} (judge by the collision shapes alone: --no-meshes)"
         )
-    if path is None:
-        return found
-    if path.parent.name == TRIANGLES and found.scale == (1.0, 1.0, 1.0):
-        triangles = read_obj(path)
-        if triangles is not None:
-            return replace(found, kind="triangles", path=None, triangles=triangles)
-    return replace(found, path=path)
+    return found if path is None else replace(found, path=path)
 
 
 def _file(shape: Mesh | Convex, link: str) -> Path:

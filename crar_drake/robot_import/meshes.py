@@ -27,7 +27,7 @@ from crar_drake.robot_import.source_robot import (
 )
 
 _HEAD = 20_000  # bytes of a DAE file, which its asset element is within
-_GREY = (0.7, 0.7, 0.7, 1.0)
+GREY = (0.7, 0.7, 0.7, 1.0)
 
 
 @dataclass(frozen=True)
@@ -171,17 +171,14 @@ def guess_up_axis(robot: SourceRobot) -> tuple[str, str] | None:
 
 
 def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
-    if shape.kind == "triangles":
-        vertices, faces = shape.triangles
-        # By rows: of another order, functions are compiled anew.
-        p_LV = np.ascontiguousarray(shape.X_LG.multiply(vertices.T).T)
-        return [Part(p_LV, faces, tuple(shape.rgba or _GREY))]
     import trimesh
 
     if shape.kind == "mesh":
         up = dae_up_axis(shape.path) if up_axis == "file" else "z"
         up = "y" if shape.path.suffix.lower() in Y_UP else up
         pieces = _load(shape, link, up)
+    elif shape.kind == "triangles":
+        pieces = [(trimesh.Trimesh(*shape.triangles), None)]
     else:
         makers = {
             "box": lambda: trimesh.creation.box(extents=shape.size),
@@ -203,7 +200,7 @@ def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
             Part(
                 np.asarray(mesh.vertices, dtype=float),
                 np.asarray(mesh.faces),
-                tuple(shape.rgba or colour or _GREY),
+                tuple(shape.rgba or colour or GREY),
             )
         )
     return parts
@@ -288,7 +285,7 @@ def read_obj(path: Path) -> tuple[np.ndarray, np.ndarray] | None:
     """Vertices (N, 3) and faces (M, 3) of a file as `write_obj` writes it, in half the
     time that trimesh takes; None if it is another one."""
     head, _, tail = path.read_bytes().partition(b"f")
-    if not head or not tail:
+    if not head.startswith(b"v ") or not tail.strip():
         return None
     try:
         vertices = np.loadtxt(BytesIO(head.replace(b"v", b"")), ndmin=2)

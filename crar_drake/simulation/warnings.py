@@ -83,7 +83,7 @@ def _of_the_duration(scenario: Scenario, setup: Setup) -> Iterator[str]:
 
 def _of_gains_without_effect(gains: CrarParameters) -> Iterator[str]:
     ahead = gains.lookahead
-    if not gains.planned_time:
+    if not gains.plans:
         return
     guards = ahead.guard_norm == "tasks" and ahead.guard_damping is None
     given = [

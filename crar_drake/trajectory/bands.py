@@ -6,11 +6,11 @@ Of L frames with m unknowns each the matrix is
     S_0  D_1  S_1' E_1
     E_0  S_1  D_2  ...
 
-with E diagonal. Rows of more frames in a row (`add_wide`) fill these blocks, and others
-below. A Cholesky factorisation of its 2 m bands, or W m of rows of W frames, takes a
-time that is linear in L. Rows are added to the bands as LAPACK has them, H (L, m, B):
-of column c of frame k the diagonal, then what is below. So element (i, c) of the block
-of frame k + a with frame k is H[k, c, a m + i - c].
+with E diagonal; rows of W frames (`add_wide`) fill it, and blocks below. A Cholesky
+factorisation takes a time that is linear in L. Rows are added to the bands as LAPACK
+has them, H (L, m, B) with B = 2 m + 1, or W m: of column c of frame k the diagonal,
+then what is below. So element (i, c) of the block of frame k + a with frame k is H[k,
+c, a m + i - c].
 """
 
 from __future__ import annotations
@@ -28,9 +28,7 @@ from crar_drake.equations.compilation import compiled
 class Normal:
     """H x = b, symmetric positive definite."""
 
-    # (L, m, B) its bands, see the module: B is 2 m + 1, or W m where rows are of W
-    # frames
-    H: np.ndarray
+    H: np.ndarray  # (L, m, B) its bands, see the module
     b: np.ndarray  # (L, m)
 
     def of_frames(self, some: np.ndarray, b: np.ndarray, width: int = 0) -> Normal:
@@ -48,7 +46,7 @@ class Normal:
             below = np.arange(bands) >= first - np.arange(m)[:, None]
             H[k] = np.where(below, 0.0, H[k])
         if width:
-            wide = np.zeros((len(some), m, width * m))
+            wide = np.zeros((len(some), m, max(width * m, bands)))
             wide[..., :bands] = H
             H = wide
         return Normal(H, b)
@@ -64,7 +62,7 @@ class Normal:
         return found.reshape(x.shape)
 
     def solve(self) -> np.ndarray | None:
-        """x (L, m), in the place of H; None if that is not positive definite."""
+        """x (L, m); None if H, which is overwritten, is not positive definite."""
         factor, failed = dpbtrf(self._bands(), lower=1, overwrite_ab=1)
         if failed:
             return None
@@ -237,7 +235,7 @@ def add_wide(
     in a row.
 
     Args:
-        H, b: of a `Normal`, of W m bands.
+        H, b: of a `Normal`, of W m bands at least.
         places: (R, W) the frames k_a, in ascending order; -1 where one is held.
         g: (R, W, m).
         weight: of all.

@@ -68,7 +68,7 @@ def find_near_rows(
     pairs, tree, n = r.pairs.value, r.tree.value, r.n
     nv, count = len(r.order), len(pairs.moves)
     shapes = pairs.shapes[:count]
-    # Short numbers, for what is read of all pairs at each sample to be little.
+    # int32, for what is read of all pairs at each sample to be little.
     starts = np.empty((2, count), np.int32)
     starts[0], starts[1] = pairs.start_a[shapes], pairs.start_b[shapes]
     to_vector = pairs.vector_a[0] - pairs.start_a[0] if count else 0

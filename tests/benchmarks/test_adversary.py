@@ -441,7 +441,7 @@ def test_laws_are_switched_in_mid_motion_and_their_horizons_do_not_grow():
             law.validate()
             assert 0 < step < 200 and law.period == base.period
             assert laws[step] is law and laws[step - 1] is not law
-            previews.add(law.planned_time == 0.0)
+            previews.add(law.plans)
         counted += len(made.switches)
     assert previews == {True, False} and counted > 40
     used = []
@@ -655,14 +655,15 @@ def test_the_law_without_a_preview_is_attacked_too(tmp_path):
 def test_gains_are_of_laws_with_and_without_a_plan():
     subject = load_subject("jaw")
     model = subject.model("position")
-    planned = {
+    laws = [
         make_episode(
             "gains", model, subject.judge, CrarParameters(period=period), 5, [seed]
-        ).parameters.planned_time
+        ).parameters
         for seed in range(6)
         for period in (0.005, 0.02)
-    }
-    assert 0.0 in planned and len(planned) > 2
+    ]
+    assert {law.plans for law in laws} == {True, False}
+    assert len({law.lookahead.preview for law in laws if law.plans}) > 1
 
 
 def test_command_writes_resumes_and_replays(tmp_path, monkeypatch, capsys):

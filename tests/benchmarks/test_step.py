@@ -515,12 +515,10 @@ def test_the_lookahead_is_timed_with_another_preview_or_none_if_asked_for():
     """And no other mode, which has none."""
     settings = replace(SHORT, preview=0.2)
     ahead = command._scenario(settings, "wrists", "lookahead").controller
-    assert ahead.planned_time == 0.2
+    assert ahead.plans and ahead.lookahead.preview == 0.2
     paper = command._scenario(settings, "wrists", "paper").controller
     assert paper.posture_gain == 0.0
     by_default = command._scenario(SHORT, "wrists", "lookahead").controller
-    assert by_default.planned_time == CrarParameters().planned_time > 0.0
+    assert by_default.plans and by_default.lookahead.preview is None
     without = replace(SHORT, preview=0.0)
-    assert (
-        command._scenario(without, "wrists", "lookahead").controller.planned_time == 0
-    )
+    assert not command._scenario(without, "wrists", "lookahead").controller.plans

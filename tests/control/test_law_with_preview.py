@@ -252,7 +252,7 @@ def test_a_preset_is_a_preview_and_its_smoothness(model):
     np.testing.assert_array_equal(reached[1], follow(model, default, targets)[0])
     other = LookaheadParameters(preset="calm", preview=0.2, smoothness=1e-4)
     assert other.planned_smoothness == 1e-4
-    assert replace(PREVIEW, lookahead=other).planned_time == 0.2
+    assert other.filled(PERIOD, plans=True).preview == 0.2
 
 
 @pytest.mark.parametrize(
@@ -264,13 +264,14 @@ def test_a_preset_is_a_preview_and_its_smoothness(model):
         ({"period": 0.02}, {"preset": "calm"}, 0.1),
         ({"period": 0.02}, {"preview": 0.2}, 0.2),
         ({"balance": BalanceParameters()}, {}, 0.0),
-        ({"constraints": "paper"}, {"preview": 0.2}, 0.0),
         ({}, {"preset": "calm", "preview": 0.0}, 0.0),
     ],
 )
 def test_the_law_plans_by_default_where_it_can(changes, ahead, planned):
     gains = CrarParameters(**changes, lookahead=LookaheadParameters(**ahead))
-    assert gains.planned_time == planned
+    assert gains.plans == (planned > 0.0)
+    assert gains.lookahead.filled(gains.period, gains.plans).preview == planned
+    assert not replace(gains, constraints="paper").plans
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,10 @@ def test_straight_lines_pass_untouched_ends_included() -> None:
     np.testing.assert_allclose(low_pass(line, RATE), line, atol=1e-5)
 
 
-@pytest.mark.parametrize("rate, cutoff", [(30.0, 6.0), (120.0, 40.0), (1000.0, 6.0)])
+@pytest.mark.parametrize(
+    "rate, cutoff",
+    [(30.0, 6.0), (120.0, 40.0), (1000.0, 6.0), (120.0, 59.9), (120.0, 1.0)],
+)
 @pytest.mark.parametrize("shape", [(3,), (200, 4, 3)])
 def test_the_filter_is_scipy_s(rate, cutoff, shape) -> None:
     samples = 1.0 + np.cumsum(np.random.default_rng(2).normal(size=shape), axis=0)

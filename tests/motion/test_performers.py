@@ -277,6 +277,17 @@ def test_frames_of_the_zero_pose_are_left_out(
         assert told[0].startswith(which)
 
 
+@pytest.mark.parametrize("held, left", [(30, 40), (60, 100)])
+def test_what_is_apart_is_the_shorter_part(clip, tmp_path, held, left) -> None:
+    head, rows = with_frame_time(clip, "0.0083333").split("Frame Time: 0.0083333\n")
+    rows = rows.splitlines()[:40]
+    pose = " ".join(rows[0].split()[:3] + ["0"] * (len(rows[0].split()) - 3))
+    rows = [pose] * held + rows
+    head = head.replace(f"Frames: {clip.num_frames}", f"Frames: {len(rows)}")
+    text = head + "Frame Time: 0.0083333\n" + "\n".join(rows) + "\n"
+    assert performed(tmp_path, text).num_frames == left
+
+
 def test_poses_apart_at_both_ends_are_left_out(clip, tmp_path) -> None:
     head, rows = bvh_text(clip, Convention()).split("Frame Time: ")
     time, *rows = rows.splitlines()

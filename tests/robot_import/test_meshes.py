@@ -142,6 +142,9 @@ def test_obj_and_hulls(tmp_path):
         "v 0 0 0\nv 1 0 0\nv 0 1 nan\nf 1 2 3\n",
         "v 0 0 0\nv 1 0 0\nv 0 1 0\n",
         "f 1 2 3\n",
+        "# of me\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf",
+        " f 1 2 3\n",
         "",
     ],
 )

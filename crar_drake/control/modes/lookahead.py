@@ -122,8 +122,10 @@ class LookaheadMode(Mode):
             model, parameters, gains: as of `Mode`.
             step: of what does as commanded [s]; by default that of the model's plant.
         """
-        plans, crowded = parameters.planned_time > 0.0, model.m >= model.n
-        ahead = parameters.lookahead.filled(parameters.period, plans, crowded)
+        crowded = model.m >= model.n
+        ahead = parameters.lookahead.filled(
+            parameters.period, parameters.plans, crowded
+        )
         if step is None:
             step = model.plant.time_step()
         self.horizon = parameters.braking_horizon
@@ -246,7 +248,7 @@ class LookaheadMode(Mode):
                     f"{parameters.period:g} s {rate:g}/s would lead beyond the margin "
                     f"within a period; choose at most {1.0 / parameters.period:g}/s"
                 )
-        bounds = ahead.approach_rate is not None or parameters.planned_time > 0.0
+        bounds = ahead.approach_rate is not None or parameters.plans
         if ahead.limit_approach_rate is not None and not bounds:
             raise ScenarioError(
                 "controller.lookahead.limit_approach_rate: without approach_rate or "

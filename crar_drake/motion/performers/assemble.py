@@ -183,7 +183,8 @@ def frames_apart(p: Points, frame_rate: float, at_rest: np.ndarray) -> int:
     )
     speed = steps * scale * frame_rate
     held = max(1, int(_HELD_TIME * frame_rate))
-    for last in range(min(len(speed) - 9, held)):
+    # What is apart is the shorter part.
+    for last in range(min(len(speed) - 9, len(speed) // 2, held)):
         leap, later = speed[last], speed[last + 1 :]
         usual = max(float(np.quantile(later, 0.99)), float(later[:5].max()))
         least = _APART_SPEED_AT_REST if at_rest[: last + 1].all() else _APART_SPEED

@@ -337,9 +337,6 @@ def test_bounds_of_a_preview_fit_the_period():
     assert rates(AHEAD, 0.02, plans=True) == (50.0, 10.0)
     assert rates(AHEAD, 0.2, plans=True) == (5.0, 5.0)
     assert rates(AHEAD, 5e-3, plans=True, crowded=True) == (200.0, 50.0)
-    assert [
-        LookaheadParameters().filled(5e-3, True, x).preview for x in (False, True)
-    ] == [0.1, 0.2]
     assert LookaheadParameters(preview=0.3).filled(5e-3, True, True).preview == 0.3
     given = replace(AHEAD, approach_rate=30.0)
     assert rates(given, 1e-3, plans=True) == (30.0, 10.0)

@@ -14,6 +14,27 @@ _OVER_LIMIT = 3.0
 _JUMP = {"rad": 0.25, "m": 0.1}  # [rad], [m]
 
 
+# A law asks for less than this share of what it believes: else what it did itself
+# would be none of a robot's, and no more looked at.
+_ASKED = 0.99
+
+
+def fastest_believed(model: ControlModel) -> np.ndarray:
+    """(num_joints,) speeds of the controlled joints beyond which a state is not
+    believed [rad/s or m/s]."""
+    units = joint_units(model.plant, model.joint_names[: model.num_joints])
+    limits = model.velocity_limits[model.controlled[: model.num_joints]]
+    limits = np.where(np.isfinite(limits), _OVER_LIMIT * limits, 0.0)
+    return np.maximum([_FASTEST[unit] for unit in units], limits)
+
+
+def fastest_asked(model: ControlModel) -> np.ndarray:
+    """(n,) speeds of the controlled joints that a law may ask for [rad/s or m/s]."""
+    asked = np.full(model.n, np.inf)
+    asked[: model.num_joints] = _ASKED * fastest_believed(model)
+    return asked
+
+
 class PlausibleStates:
     """Which measured states of the controlled joints are plausible."""
 
@@ -27,9 +48,7 @@ class PlausibleStates:
         self._v = model.controlled[: model.num_joints]
         self._period = period
         units = joint_units(model.plant, model.joint_names[: model.num_joints])
-        limits = model.velocity_limits[self._v]
-        limits = np.where(np.isfinite(limits), _OVER_LIMIT * limits, 0.0)
-        self._fastest = np.maximum([_FASTEST[unit] for unit in units], limits)
+        self._fastest = fastest_believed(model)
         self._jump = np.array([_JUMP[unit] for unit in units])
         # An angle without limits may be given within one turn.
         ranges = (model.upper - model.lower)[: model.num_joints]

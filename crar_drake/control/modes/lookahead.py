@@ -12,6 +12,7 @@ from crar_drake.control.diagnostics import Diagnostic
 from crar_drake.control.modes.mode import Mode
 from crar_drake.control.modes.paper import refuse_adaptive_gain
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.plausible import fastest_asked
 from crar_drake.control.records import Memory, Solution
 from crar_drake.control.tracking_error import (
     check_rest_posture,
@@ -133,7 +134,9 @@ class LookaheadMode(Mode):
         longest = parameters.longest_braking_horizon
         self.slower = tuple(longer_horizons(self.horizon, longest))
         self._model = model
-        fastest = parameters.speed_limits(model)[model.controlled]
+        fastest = np.minimum(
+            parameters.speed_limits(model)[model.controlled], fastest_asked(model)
+        )
         errors = joint_errors(ahead, model)
         self.lower, self.upper = narrowed_limits(errors, model)
         limits = find_limits(self.lower, self.upper, fastest)

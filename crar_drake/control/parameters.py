@@ -376,9 +376,10 @@ class CrarParameters:
             return False
         if self.lookahead.preview is not None:
             return self.lookahead.preview > 0.0
-        shakes = self.period > LONGEST_PLANNED_PERIOD * (1.0 + 1e-9)
-        may_not = shakes or self.balance is not None
-        return self.lookahead.preset is not None or not may_not
+        if self.lookahead.preset is not None:
+            return True
+        calm = self.period <= LONGEST_PLANNED_PERIOD * (1.0 + 1e-9)
+        return calm and self.balance is None
 
     @property
     def braking_horizon(self) -> float:

@@ -12,10 +12,8 @@ _FASTEST = {"rad": 100.0, "m": 30.0}  # [rad/s], [m/s]
 _OVER_LIMIT = 3.0
 # From rest to rest within a period this is more than any joint moves.
 _JUMP = {"rad": 0.25, "m": 0.1}  # [rad], [m]
-
-
-# A law asks for less than this share of what it believes: else what it did itself
-# would be none of a robot's, and no more looked at.
+# The lookahead asks for at most this share of a speed that is believed: else it would
+# take for a glitch what it did itself.
 _ASKED = 0.99
 
 

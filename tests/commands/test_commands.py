@@ -831,38 +831,36 @@ def test_help_offers_what_there_is():
     assert options.DEFAULT_SCENARIO in scenario_names()
 
 
-def test_help_waits_for_nothing_that_takes_long():
-    script = (
-        "import sys\n"
-        "from crar_drake.commands import main\n"
-        "try: main(['--help'])\n"
-        "except SystemExit: pass\n"
-        "slow = {'pydrake', 'scipy', 'numpy', 'matplotlib', 'rich'}\n"
-        "print(slow & set(sys.modules), file=sys.stderr)\n"
-    )
+def waits_for_none_of(script: str, *slow: str) -> str:
+    """What a script prints in a process of its own, that imports none of these."""
+    script += f"import sys\nprint({set(slow)} & set(sys.modules), file=sys.stderr)\n"
     result = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=600
     )
-    assert result.stdout.startswith("usage: crar-drake")
     assert result.stderr == "set()\n"
+    return result.stdout
+
+
+def test_help_waits_for_nothing_that_takes_long():
+    script = (
+        "from crar_drake.commands import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: pass\n"
+    )
+    slow = "pydrake", "scipy", "numpy", "matplotlib", "rich"
+    assert waits_for_none_of(script, *slow).startswith("usage: crar-drake")
 
 
 def test_a_first_clip_waits_for_no_library_that_it_does_not_use():
     script = (
-        "import sys\n"
         "import numpy as np\n"
         "import crar_drake.references.clean_file\n"
         "import crar_drake.references.retarget_file\n"
         "from crar_drake.motion.conditioning import low_pass\n"
         "low_pass(np.zeros((9, 3)), 30.0)\n"
-        "slow = {'scipy.signal', 'scipy.stats', 'scipy.ndimage', 'trimesh',\n"
-        "        'matplotlib', 'ezc3d'}\n"
-        "print(slow & set(sys.modules))\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=600
-    )
-    assert result.stdout == "set()\n", result.stderr
+    of_scipy = "scipy.signal", "scipy.stats", "scipy.ndimage"
+    waits_for_none_of(script, *of_scipy, "trimesh", "matplotlib", "ezc3d")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -120,6 +120,17 @@ def test_decimation_keeps_the_shape():
     )
 
 
+def test_triangles_that_share_no_vertices_are_decimated_as_one_surface():
+    """As MuJoCo has those of an OBJ."""
+    ball = trimesh.creation.icosphere(3)
+    corners = ball.vertices[ball.faces].reshape(-1, 3)
+    apart = corners, np.arange(len(corners)).reshape(-1, 3)
+    small = simplified(one(Shape(RigidTransform(), "triangles", triangles=apart)), 300)
+    assert trimesh.Trimesh(small.vertices, small.faces).volume == pytest.approx(
+        ball.volume, rel=0.05
+    )
+
+
 def test_obj_and_hulls(tmp_path):
     part = one(Shape(RigidTransform(), "box", size=(1.0, 2.0, 3.0)))
     write_obj(tmp_path / "a.obj", part.vertices, part.faces)

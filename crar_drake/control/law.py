@@ -40,6 +40,7 @@ from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead_rows import resting_configuration
 from crar_drake.equations.prediction import state_ahead
+from crar_drake.equations.preview import posture_near_limits
 from crar_drake.equations.references import (
     BlendStart,
     Targets,
@@ -101,7 +102,7 @@ class ControlLaw:
         late = self._latency / self._period * (1.0 - _ROUNDING)
         self._num_sent = math.ceil(late) + 1 if late else 0
         self._rest = model.rest_positions()
-        at = model.controlled_positions[: model.n]
+        self._controlled_in_q = at = model.controlled_positions[: model.n]
         self._rest_posture = self._rest[at]
         # Joints without a rest position, among the controlled ones and in q.
         self._restless = np.flatnonzero(~np.isfinite(model.upper - model.lower))
@@ -171,7 +172,8 @@ class ControlLaw:
         self.hold(workspace, memory, 1, q, v)
 
     def default_posture(self, q: np.ndarray) -> np.ndarray:
-        """The nominal posture where none is given: the robot's rest posture.
+        """The nominal posture where none is given: the robot's rest posture, and with a
+        preview `equations.preview.posture_near_limits`.
 
         A joint without limits, which may have turned round, has none.
 
@@ -185,11 +187,15 @@ class ControlLaw:
         """
         if not self._with_posture:
             return _NOTHING
-        if not len(self._restless):
-            return self._rest_posture
-        posture = self._rest_posture.copy()
-        posture[self._restless] = q[self._restless_in_q]
-        return posture
+        posture = self._rest_posture
+        if len(self._restless):
+            posture = posture.copy()
+            posture[self._restless] = q[self._restless_in_q]
+        if not self.mode.plans:
+            return posture
+        here = q[self._controlled_in_q]
+        model = self.model
+        return posture_near_limits(here, posture, model.lower, model.upper)
 
     def reset(self) -> None:
         """Makes `step` forget its past: the next call is a first step."""
@@ -351,7 +357,7 @@ class ControlLaw:
         posture = targets.posture
         if self._with_posture and blend[0] < 1.0:
             # As the targets, lest the first step be a jerk.
-            here = q[model.controlled_positions[: model.n]]
+            here = q[self._controlled_in_q]
             posture = here + blend[0] * (posture - here)
         rows = self._efforts.rows(workspace) if mode.plans else None
         solution = mode.resolve(

@@ -54,6 +54,9 @@ _NEAR_EFFORT = 0.6
 # What a whole limit counts [m], and the share that plans use [1].
 _EFFORT = 0.03
 _SPARE_EFFORT = 0.97
+# The shares of a joint's way from the rest posture to a limit from which on the null
+# space is drawn back, and from which on all the way [1].
+_DRAWN, _DRAWN_WHOLLY = 0.5, 0.6
 
 
 class Preview(NamedTuple):
@@ -358,6 +361,34 @@ def task_shares(e: np.ndarray, of_rows: np.ndarray, farthest: float) -> np.ndarr
         if away > farthest:
             shares[i] = np.sqrt(farthest / away)
     return shares
+
+
+@compiled
+def posture_near_limits(
+    q: np.ndarray, rest: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> np.ndarray:
+    """The nominal posture of (L12) where none is given, (n,) [rad or m]:
+
+        q + u (q_rest - q),      u = min(1, max(0, (s - 0.5) / 0.1)),
+
+    where s is the largest share of the way from the rest posture to a limit that a
+    joint has gone. A robot that has room stays where its tasks have led it, lest it
+    meet an obstacle again that it has gone around.
+
+    Args:
+        q: (n,) positions.
+        rest: (n,) the rest posture.
+        lower, upper: (n,) limits; a joint without one is drawn back for others alone.
+    """
+    share = 0.0
+    for i in range(len(q)):
+        limit = upper[i] if q[i] > rest[i] else lower[i]
+        way = abs(limit - rest[i])
+        gone = abs(q[i] - rest[i])
+        if gone > 0.0:
+            share = max(share, gone / way if way > gone else 1.0)
+    drawn = (share - _DRAWN) / (_DRAWN_WHOLLY - _DRAWN)
+    return q + min(1.0, max(0.0, drawn)) * (rest - q)
 
 
 @compiled

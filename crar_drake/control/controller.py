@@ -80,7 +80,7 @@ class CrarController(LeafSystem):
             is, its angular velocity and its origin's velocity, both in W, and their
             derivatives.
         nominal_posture: (n,) positions that the null space is drawn to [rad or m], the
-            robot's rest posture where nothing is connected; absent if
+            default posture of `ControlLaw` where nothing is connected; absent if
             `CrarParameters.nominal_posture_gain` is 0.
         obstacles: (4 N,) [x; y; z; radius] of each of N spheres that move by
             themselves, now, in W [m]. Only there if their speeds are given, and

@@ -173,7 +173,7 @@ class ControlLaw:
 
     def default_posture(self, q: np.ndarray) -> np.ndarray:
         """The nominal posture where none is given: the robot's rest posture, and with a
-        preview `equations.preview.posture_near_limits`.
+        preview (L14), `equations.preview.posture_near_limits`.
 
         A joint without limits, which may have turned round, has none.
 

@@ -126,7 +126,8 @@ class CrarParameters:
             [1/s^2], with damping of its own besides GvN's: where fewer task rows than
             joints leave a choice, elbows stay bent and joints off their limits. The
             posture is the input port "nominal_posture", or where nothing is connected
-            the robot's rest posture; 0 leaves the port out. By default 30 with
+            the robot's rest posture, with a preview only where a joint nears its limit;
+            0 leaves the port out. By default 30 with
             constraints "lookahead", 40 with a preview, or 1 where there are as many
             task rows as joints or more, and 0 with the others, which are the paper to
             the letter.

@@ -1,4 +1,4 @@
-"""The preview: a nominal velocity that has seen what comes next, (L10)-(L13).
+"""The preview: a nominal velocity that has seen what comes next, (L10)-(L14).
 
 Feedback on the present error alone begins to evade an obstacle when it is there, and
 then needs high gains to make up for it. Here the accelerations of the next moment,
@@ -367,9 +367,9 @@ def task_shares(e: np.ndarray, of_rows: np.ndarray, farthest: float) -> np.ndarr
 def posture_near_limits(
     q: np.ndarray, rest: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> np.ndarray:
-    """The nominal posture of (L12) where none is given, (n,) [rad or m]:
+    """(L14): the nominal posture of (L12) where none is given, (n,) [rad or m],
 
-        q + u (q_rest - q),      u = min(1, max(0, (s - 0.5) / 0.1)),
+        (1 - u) q + u q_rest,      u = min(1, max(0, (s - 0.5) / 0.1)),
 
     where s is the largest share of the way from the rest posture to a limit that a
     joint has gone. A robot that has room stays where its tasks have led it, lest it
@@ -387,8 +387,8 @@ def posture_near_limits(
         gone = abs(q[i] - rest[i])
         if gone > 0.0:
             share = max(share, gone / way if way > gone else 1.0)
-    drawn = (share - _DRAWN) / (_DRAWN_WHOLLY - _DRAWN)
-    return q + min(1.0, max(0.0, drawn)) * (rest - q)
+    drawn = min(1.0, max(0.0, (share - _DRAWN) / (_DRAWN_WHOLLY - _DRAWN)))
+    return (1.0 - drawn) * q + drawn * rest
 
 
 @compiled

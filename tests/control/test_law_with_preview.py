@@ -333,25 +333,52 @@ def test_bounds_of_a_preview_fit_the_period():
         filled = ahead.filled(*case, **more)
         return filled.approach_rate, filled.limit_approach_rate
 
-    assert rates(AHEAD, 5e-3, plans=True) == (200.0, 10.0)
-    assert rates(AHEAD, 0.02, plans=True) == (50.0, 10.0)
+    assert rates(AHEAD, 5e-3, plans=True) == (200.0, 30.0)
+    assert rates(AHEAD, 0.02, plans=True) == (50.0, 30.0)
     assert rates(AHEAD, 0.2, plans=True) == (5.0, 5.0)
-    assert rates(AHEAD, 5e-3, plans=True, crowded=True) == (200.0, 50.0)
+    assert rates(AHEAD, 5e-3, plans=True, crowded=True) == (200.0, 30.0)
     assert LookaheadParameters(preview=0.3).filled(5e-3, True, True).preview == 0.3
+    assert LookaheadParameters().filled(5e-3, plans=True).preview == 0.1
+    assert LookaheadParameters().filled(5e-3, plans=True, crowded=True).preview == 0.2
     given = replace(AHEAD, approach_rate=30.0)
-    assert rates(given, 1e-3, plans=True) == (30.0, 10.0)
+    assert rates(given, 1e-3, plans=True) == (30.0, 30.0)
     assert rates(AHEAD, 1e-3, plans=False) == (0.0, 0.0)
     assert rates(given, 1e-3, plans=False) == (30.0, 30.0)
 
 
+def test_an_arm_stays_where_it_is_until_a_joint_nears_its_limit(model):
+    """Both hands are held where they are. What tasks leave free is drawn to the rest
+    posture where one asks for it, and otherwise only from near a limit, until there is
+    room again."""
+    rest = model.rest_positions()
+    at = model.position_names.index("left_shoulder_yaw")
+    limit = model.upper[model.controlled_positions.tolist().index(at)]
+
+    def share_left(share: float, **given) -> float:
+        law, q = ControlLaw(model, PREVIEW), rest.copy()
+        q[at] += share * (limit - rest[at])
+        targets, stays = model.tasks_at(q), model.prescribed_at(q)
+        v = np.zeros(model.plant.num_velocities())
+        for _ in range(600):
+            answer = law.step(q, v, targets, stays, **given)
+            q, v = np.split(answer.position_command, [len(q)])
+        assert np.abs(answer.task_error).max() < 1e-3
+        return (q[at] - rest[at]) / (limit - rest[at])
+
+    assert share_left(0.45) == pytest.approx(0.45, abs=1e-6)
+    asked = share_left(0.45, nominal_posture=rest[model.controlled_positions])
+    assert asked < 0.3
+    assert 0.45 < share_left(0.8) < 0.6
+
+
 def test_crowded_tasks_are_not_pulled_aside_by_the_posture():
-    """Seven points that can be reached exactly, by a robot that bends far from its
-    rest posture: what the null space is pulled by would be their error."""
+    """Seven points that can be reached exactly, by a robot that bends so far that it is
+    drawn back: what the null space is pulled by would be their error."""
     model = upper_body(position_tasks(EXPERIMENTS["upper-body"]))
     assert model.m >= model.n
     rest = model.rest_positions()
     bent = rest.copy()
-    for joint, angle in {"left_elbow": -0.8, "left_shoulder_roll": 0.3}.items():
+    for joint, angle in {"left_elbow": -1.5, "left_shoulder_roll": 0.3}.items():
         bent[model.position_names.index(joint)] += angle
     time = np.arange(0.0, 3.0, PERIOD)
     x = np.clip(time / 1.0, 0.0, 1.0)

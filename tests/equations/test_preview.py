@@ -16,6 +16,7 @@ from crar_drake.equations.preview import (
     expected_motion,
     make_preview,
     plan_accelerations,
+    posture_near_limits,
     possible_motion,
     previewed_velocity,
     rows_ahead,
@@ -486,3 +487,28 @@ def test_a_plan_asks_no_more_of_a_motor_than_it_has():
     assert 0.95 < asked[:, 0].max() < 1.0 and asked[:, 1].max() < 1.0
     weak = effort_rows(motors, given, np.zeros((N, 2)))
     assert len(weak[0]) == len(weak[1]) == 0
+
+
+def test_the_posture_is_the_rest_posture_only_near_limits():
+    """In closed form: of two joints, one without limits, by how far the other has gone
+    to the limit on its side."""
+    rest, lower = np.array([0.5, 0.0]), np.array([-1.5, -np.inf])
+    upper = np.array([1.5, np.inf])
+
+    def posture(first):
+        return posture_near_limits(np.array([first, 9.0]), rest, lower, upper)
+
+    for first in (0.5, 0.99, -0.49):  # less than half of 1 or of 2
+        np.testing.assert_array_equal(posture(first), [first, 9.0])
+    for first in (1.1 + 1e-9, -0.7 - 1e-9, 1.5, 1.7):
+        np.testing.assert_array_equal(posture(first), rest)
+    np.testing.assert_allclose(posture(1.05), 0.5 * (rest + [1.05, 9.0]))
+    np.testing.assert_allclose(posture(-0.6), 0.5 * (rest + [-0.6, 9.0]))
+    # At a limit by rest, and on its way inside and beyond.
+    there = np.array([1.5, 0.0])
+    for first, drawn in ((1.5, False), (1.4, False), (1.6, True), (-0.6, True)):
+        q = np.array([first, 9.0])
+        expected = there if drawn else q
+        np.testing.assert_array_equal(
+            posture_near_limits(q, there, lower, upper), expected
+        )

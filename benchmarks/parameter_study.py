@@ -57,7 +57,7 @@ def variations(preview: float | None = None) -> dict[str, CrarParameters]:
             "T = 0.03 s": ahead(horizon=0.03),
             "no longer way to brake": ahead(longest_horizon=0.012),
             "κ = 50/s": ahead(approach_rate=50.0),
-            "κ = 30/s of limits": ahead(limit_approach_rate=30.0),
+            "κ = 10/s of limits": ahead(limit_approach_rate=10.0),
             "nominal speed limit 16 rad/s": ahead(nominal_speed_limit=16.0),
             "d_min = 10 mm": ahead(distance_margin=1e-2),
             "admission slack 3 mm": ahead(admission_slack=3e-3),

@@ -12,6 +12,7 @@ import json
 import math
 import select
 import socket
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -243,8 +244,10 @@ class TeleoperationServer:
             ScenarioError: the robot cannot start where it says it is.
         """
         # What lives as long as the server need not be looked through again and again.
-        gc.collect()
-        gc.freeze()
+        # A Meshcat that was left over, no other thread may destroy: Drake aborts.
+        if threading.current_thread() is threading.main_thread():
+            gc.collect()
+            gc.freeze()
         self._start = reported = time.monotonic()
         tick = self._start + self.period
         self._stopped = False

@@ -1,5 +1,6 @@
 """The server over a real socket: whatever is sent, its commands are safe."""
 
+import gc
 import json
 import re
 import socket
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -164,8 +166,8 @@ def test_obstacles_are_kept_off_until_they_are_taken_away(server, client, monkey
     assert begin.max() > 0.2 and command.why is None
     place = hand.EvalPoseInWorld(context).translation()
 
-    def comes(k):
-        position = (place + [max(1.5 - 0.015 * k, 0.2), 0.0, 0.0]).tolist()
+    def comes(k):  # until the hand is touched
+        position = (place + [max(1.5 - 0.015 * k, 0.1), 0.0, 0.0]).tolist()
         return {"position": position, "radius": 0.1, "speed": 1.6}
 
     near, command = swing(130, comes)
@@ -256,6 +258,26 @@ def test_it_begins_where_the_robot_says_it_is(made, monkeypatch):
         server.close()
     assert heard[0].positions[at] == pytest.approx(there, abs=1e-9)
     motion.begin({})
+
+
+def test_in_a_thread_it_destroys_nothing_of_others(made):
+    """Drake aborts where a Meshcat is destroyed by a thread that is not the main one."""
+    made.motion.begin({})
+    server = TeleoperationServer(made.motion, Gate())
+    thread = threading.Thread(target=server.run, args=(2.0 * server.period,))
+    gc.disable()
+    try:
+        left_over = type("LeftOver", (), {})()
+        left_over.itself = left_over
+        here = weakref.ref(left_over)
+        del left_over
+        thread.start()
+        thread.join()
+        assert here() is not None
+    finally:
+        gc.enable()
+        server.close()
+    made.motion.begin({})
 
 
 def test_a_robot_that_is_beyond_its_limits_cannot_begin_there(made):

@@ -24,7 +24,7 @@ LARGEST_RHO = 1.0
 # there are as many task rows as joints, so that targets cannot all be had, and errors
 # of centimetres are usual.
 _USUAL = {
-    "preview": (0.0, 0.1, 0.2),  # [s], how far ahead is planned
+    "preview": (0.0, 0.1, 0.1),  # [s], how far ahead is planned
     # A plan asks for no jumps as feedback does; 16 would be faster, and no closer.
     "nominal_speed_limit": (NOMINAL_SPEED_LIMIT, 9.0, 9.0),  # [rad/s]
     "approach_rate": (0.0, 200.0, 200.0),  # [1/s], pairs it sees coming
@@ -106,9 +106,8 @@ class LookaheadParameters:
             default "balanced".
         preview: how far ahead accelerations are planned [s], see `equations.preview`; 0
             for not at all: the law is then a feedback of the present error. By default
-            0.1, and 0.2 where there are as many task rows as joints or more, unless
-            there is no preset, and the control period is longer than 10 ms or there is
-            `CrarParameters.balance`. With a preview K, Kp and Kv are the
+            0.1, unless there is no preset, and the control period is longer than 10 ms
+            or there is `CrarParameters.balance`. With a preview K, Kp and Kv are the
             gains of prescribed joints alone, and GvN damps what tasks leave free, with
         null_space_damping: lambda of the projection on that [m]; by default 0.04, and
             0.1 where there are as many task rows as joints or more.

@@ -339,7 +339,7 @@ def test_bounds_of_a_preview_fit_the_period():
     assert rates(AHEAD, 5e-3, plans=True, crowded=True) == (200.0, 30.0)
     assert LookaheadParameters(preview=0.3).filled(5e-3, True, True).preview == 0.3
     assert LookaheadParameters().filled(5e-3, plans=True).preview == 0.1
-    assert LookaheadParameters().filled(5e-3, plans=True, crowded=True).preview == 0.2
+    assert LookaheadParameters().filled(5e-3, plans=True, crowded=True).preview == 0.1
     given = replace(AHEAD, approach_rate=30.0)
     assert rates(given, 1e-3, plans=True) == (30.0, 30.0)
     assert rates(AHEAD, 1e-3, plans=False) == (0.0, 0.0)

@@ -261,7 +261,7 @@ def test_it_begins_where_the_robot_says_it_is(made, monkeypatch):
 
 
 def test_in_a_thread_it_destroys_nothing_of_others(made):
-    """Drake aborts where a Meshcat is destroyed by a thread that is not the main one."""
+    """Drake aborts where a Meshcat is destroyed by another thread than the main one."""
     made.motion.begin({})
     server = TeleoperationServer(made.motion, Gate())
     thread = threading.Thread(target=server.run, args=(2.0 * server.period,))

@@ -102,11 +102,9 @@ class ControlLaw:
         late = self._latency / self._period * (1.0 - _ROUNDING)
         self._num_sent = math.ceil(late) + 1 if late else 0
         self._rest = model.rest_positions()
-        self._controlled_in_q = at = model.controlled_positions[: model.n]
-        self._rest_posture = self._rest[at]
-        # Joints without a rest position, among the controlled ones and in q.
-        self._restless = np.flatnonzero(~np.isfinite(model.upper - model.lower))
-        self._restless_in_q = at[self._restless]
+        self._controlled_in_q = model.controlled_positions[: model.n]
+        self._rest_posture = self._rest[self._controlled_in_q]
+        self._has_limits = np.isfinite(model.upper - model.lower)
         self._with_posture = gains.posture_gain > 0.0
         self._target_bounds = gains.governor.bounds()
         self.speed_limits = gains.speed_limits(model)
@@ -187,15 +185,11 @@ class ControlLaw:
         """
         if not self._with_posture:
             return _NOTHING
-        posture = self._rest_posture
-        if len(self._restless):
-            posture = posture.copy()
-            posture[self._restless] = q[self._restless_in_q]
-        if not self.mode.plans:
-            return posture
-        here = q[self._controlled_in_q]
-        model = self.model
-        return posture_near_limits(here, posture, model.lower, model.upper)
+        here, model = q[self._controlled_in_q], self.model
+        posture = np.where(self._has_limits, self._rest_posture, here)
+        if self.mode.plans:
+            posture = posture_near_limits(here, posture, model.lower, model.upper)
+        return posture
 
     def reset(self) -> None:
         """Makes `step` forget its past: the next call is a first step."""

@@ -127,10 +127,9 @@ class CrarParameters:
             joints leave a choice, elbows stay bent and joints off their limits. The
             posture is the input port "nominal_posture", or where nothing is connected
             the robot's rest posture, with a preview only where a joint nears its limit;
-            0 leaves the port out. By default 30 with
-            constraints "lookahead", 40 with a preview, or 1 where there are as many
-            task rows as joints or more, and 0 with the others, which are the paper to
-            the letter.
+            0 leaves the port out. By default 30 with constraints "lookahead", 40 with a
+            preview, or 1 where there are as many task rows as joints or more, and 0
+            with the others, which are the paper to the letter.
         respect_effort_limits: whether the commanded torque stays within the effort
             limits of the controlled joints, see `equations.torque_limit`; by default
             with constraints "lookahead" alone, for the others are the paper to the

@@ -166,8 +166,8 @@ def test_obstacles_are_kept_off_until_they_are_taken_away(server, client, monkey
     assert begin.max() > 0.2 and command.why is None
     place = hand.EvalPoseInWorld(context).translation()
 
-    def comes(k):  # until the hand is touched
-        position = (place + [max(1.5 - 0.015 * k, 0.1), 0.0, 0.0]).tolist()
+    def comes(k):
+        position = (place + [max(1.5 - 0.015 * k, 0.2), 0.0, 0.0]).tolist()
         return {"position": position, "radius": 0.1, "speed": 1.6}
 
     near, command = swing(130, comes)

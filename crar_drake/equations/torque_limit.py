@@ -80,10 +80,9 @@ def torque_scale(
     if low > high:
         return _least_excess(tau_b, slope, L)
     c = period_over_horizon
-    reserve = _reserve(tau_b, L, c)
-    next_low, next_high = _interval(
-        tau_b - c * (tau_b - tau_still[limited]), -c * slope, reserve
-    )
+    braked = tau_b - c * (tau_b - tau_still[limited])
+    reserve = _reserve(tau_b, braked, L)
+    next_low, next_high = _interval(braked, -c * slope, reserve)
     both = min(high, next_high)
     if max(low, next_low) > both:
         # Which of the allowed shares brakes hardest: the smallest one.
@@ -135,13 +134,14 @@ def _least_excess(start, slope, bound):
 
 
 @compiled
-def _reserve(tau_brake, limits, c):
+def _reserve(tau_brake, braked, limits):
     """What braking in the next step may need, (nu,).
 
-    What is beyond already must come back, as fast as braking alone would bring it.
+    What is beyond already must come back as far as braking alone brings it, to
+    `braked`, and never grow. Less would not do: Coriolis forces grow meanwhile.
     """
-    usual = _RESERVE * limits
-    return usual + (1.0 - c) * np.maximum(0.0, np.abs(tau_brake) - usual)
+    needed = np.minimum(np.abs(tau_brake), np.abs(braked))
+    return np.maximum(_RESERVE * limits, needed)
 
 
 @compiled
@@ -229,7 +229,7 @@ def nearest_accelerations(
     size = np.sqrt(sum_rows(M * M))
     some = np.flatnonzero(np.isfinite(limits) & (size > 0.0))
     L, size, brake = limits[some], size[some], tau_brake[some]
-    room = _reserve(brake, L, c)
+    room = _reserve(brake, brake - c * (brake - tau_still[some]), L)
     # Where both cannot be had, the limits count.
     inside = L * (1.0 - _INSIDE)
     low = np.minimum(np.maximum(tau_still[some] + (brake - room) / c, -inside), inside)

@@ -199,7 +199,10 @@ def test_prescribed_joints_are_scaled_with_the_others(arm) -> None:
 
 @pytest.mark.parametrize("gain", [0.0, 20.0])
 def test_a_plan_leads_to_the_nominal_posture_if_there_is_a_gain(gain: float) -> None:
-    """From rest, with the targets there: nearer to it, and the task stays; or not."""
+    """From rest, with the targets there: nearer to it, and the task stays; or not.
+
+    The posture is a given one, that at rest: by default there is none off the limits.
+    """
     model = make_model(chain_urdf("zzzz", extra=""))
     parameters = CrarParameters(
         blend_time=0.0,
@@ -209,9 +212,11 @@ def test_a_plan_leads_to_the_nominal_posture_if_there_is_a_gain(gain: float) -> 
     )
     q, still = np.array([0.3, 0.4, -0.5, 0.6]), np.zeros(4)
     law = ControlLaw(model, parameters)
-    a = law.step(q, still, model.tasks_at(q), np.zeros(0)).acceleration
+    rest = model.rest_positions()
+    given = (rest,) if gain else ()
+    a = law.step(q, still, model.tasks_at(q), np.zeros(0), *given).acceleration
     J = model.evaluate(model.MakeWorkspace(), q, still).J
-    towards = a @ (model.rest_positions() - q)
+    towards = a @ (rest - q)
     if gain == 0.0:
         np.testing.assert_allclose(a, 0.0, atol=1e-9)
     else:

@@ -127,11 +127,13 @@ def test_speed_is_kept_low_enough_to_brake():
     [
         # L = 10, dt / T = 1/2. Next braking torque: -3 - 7.5 theta, of at most 8.
         (9.0, -6.0, 0.0, 2.0 / 3.0),
-        # 1 beyond the reserve of 8: half of it may be left, 8.5 >= 4.5 + 6 theta.
-        (3.0, -9.0, 0.0, 2.0 / 3.0),
+        # 1 beyond the reserve of 8. Braking alone leaves 4.5: 8 >= 4.5 + 6 theta.
+        (3.0, -9.0, 0.0, 7.0 / 12.0),
+        # It leaves 8.2, and that is what it is to come back to.
+        (3.0, -9.0, -7.4, 0.0),
         # The mirror images.
         (-9.0, 6.0, 0.0, 2.0 / 3.0),
-        (-3.0, 9.0, 0.0, 2.0 / 3.0),
+        (-3.0, 9.0, 0.0, 7.0 / 12.0),
         # Torques up to 20: theta <= 0.5. Next: 12 - 10 theta <= 8 asks for 0.4 or more.
         (20.0, 0.0, 24.0, 0.5),
         # 15 - 10 theta <= 8 asks for 0.7, which is not allowed: the least allowed.
@@ -161,10 +163,11 @@ def test_the_largest_share_that_leaves_room_to_brake(
     tau, tau_brake, tau_still, limits, c
 ):
     """By trying shares: of those within the limits the largest after which braking
-    needs 80 % of them or, where it needs more now, less of the surplus by c; or else
-    the smallest within the limits."""
-    surplus = np.maximum(np.abs(tau_brake) - 0.8 * limits, 0.0)
-    room = 0.8 * limits + (1.0 - c) * surplus
+    needs 80 % of them or, where it needs more, no more than now and no more than after
+    braking; or else the smallest within the limits."""
+    braked = tau_brake - c * (tau_brake - tau_still)
+    least = np.minimum(np.abs(tau_brake), np.abs(braked))
+    room = np.maximum(0.8 * limits, least)
 
     def allowed(theta: np.ndarray, slack: float) -> np.ndarray:
         now = tau_brake + theta[:, None] * (tau - tau_brake)
@@ -292,7 +295,8 @@ def test_limited_torque_leaves_room_to_brake(arm):
     def largest(still: np.ndarray) -> float:
         now = np.array([arm.torque(arm.slowed(theta)) for theta in THETA])
         after = brake - c * (now - arm.torque(still))
-        room = 0.8 * limits + (1.0 - c) * np.maximum(np.abs(brake) - 0.8 * limits, 0.0)
+        braked = brake - c * (brake - arm.torque(still))
+        room = np.maximum(0.8 * limits, np.minimum(np.abs(brake), np.abs(braked)))
         kept = (np.abs(now) <= limits) & (np.abs(after) <= room)
         return THETA[kept.all(axis=1)].max()
 

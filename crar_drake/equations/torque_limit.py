@@ -21,7 +21,8 @@ next step, which is affine in it, too: the velocity grows by dt alpha, and
     tau_b+ = tau_b - (dt / T) (tau - tau_0),
 
 with tau_0 the torque of no acceleration. A robot whose braking torque comes near its
-limit (80 % of it: gravity and Coriolis forces change on the way) gets no faster.
+limit (80 % of it: gravity and Coriolis forces change on the way) gets no faster, and
+beyond that slows down as braking would.
 """
 
 from typing import NamedTuple

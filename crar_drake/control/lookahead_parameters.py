@@ -28,8 +28,9 @@ _USUAL = {
     # A plan asks for no jumps as feedback does; 16 would be faster, and no closer.
     "nominal_speed_limit": (NOMINAL_SPEED_LIMIT, 9.0, 9.0),  # [rad/s]
     "approach_rate": (0.0, 200.0, 200.0),  # [1/s], pairs it sees coming
-    # Slower where motions of others run into limits again and again.
-    "limit_approach_rate": (0.0, 20.0, 20.0),  # [1/s]
+    # Slower where motions of others run into limits again and again; where tasks leave
+    # no choice, 20/s loses hands there for seconds.
+    "limit_approach_rate": (0.0, 20.0, 50.0),  # [1/s]
     "farthest_pull": (0.01, 0.01, 0.05),  # [m or rad]
     "null_space_damping": (0.04, 0.04, 0.1),  # [m]
     # Of `CrarParameters`. Without a preview a tenth of Kp, so that tasks come first.
@@ -100,8 +101,9 @@ class LookaheadParameters:
             guard, and have no weight in stage 1; by default 200/s, or 1 / period if
             that is less. Without a preview it is by default the other way round: they
             weigh by their margins (rho, rho_limits), in both.
-        limit_approach_rate: the same of joint limits alone [1/s]; by default 20/s, and
-            without a preview the approach rate.
+        limit_approach_rate: the same of joint limits alone [1/s]; by default 20/s, 50/s
+            where there are as many task rows as joints or more, and without a preview
+            the approach rate.
         preset: "closest", "balanced" or "calm": by name how smoothly is planned; by
             default "balanced".
         preview: how far ahead accelerations are planned [s], see `equations.preview`; 0

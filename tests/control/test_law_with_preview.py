@@ -336,7 +336,7 @@ def test_bounds_of_a_preview_fit_the_period():
     assert rates(AHEAD, 5e-3, plans=True) == (200.0, 20.0)
     assert rates(AHEAD, 0.02, plans=True) == (50.0, 20.0)
     assert rates(AHEAD, 0.2, plans=True) == (5.0, 5.0)
-    assert rates(AHEAD, 5e-3, plans=True, crowded=True) == (200.0, 20.0)
+    assert rates(AHEAD, 5e-3, plans=True, crowded=True) == (200.0, 50.0)
     assert LookaheadParameters(preview=0.3).filled(5e-3, True, True).preview == 0.3
     assert LookaheadParameters().filled(5e-3, plans=True).preview == 0.1
     assert LookaheadParameters().filled(5e-3, plans=True, crowded=True).preview == 0.1

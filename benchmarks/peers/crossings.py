@@ -6,12 +6,11 @@
 The motions are `motions.random_crossings` of the shipped upper body, or of another
 robot of `problem.ROBOTS`. The peers keep the settings that `compare --tune` chose for
 hands of the upper body swung through each other; of ours there is the default, as it
-comes, with a margin of which 5 mm are left for certain, and with a looser posture, and
-the law without a preview: as it comes, with higher gains, with the settings of the
-comparison, and with some that are calm. Most of the preview's numbers were chosen at
-once on such motions of three robots (seeds 0 to 35 of the arm, 0 to 11 and 36 to 59 of
-the upper body, 0 to 23 of the G1), and on recordings of people; the latest as
-`benchmarks.presets` says.
+comes, and with a margin of which 5 mm are left for certain, and the law without a
+preview: as it comes, with higher gains, with the settings of the comparison, and with
+some that are calm. Most of the preview's numbers were chosen at once on such motions of
+three robots (seeds 0 to 35 of the arm, 0 to 11 and 36 to 59 of the upper body, 0 to 23
+of the G1), and on recordings of people; the latest as `benchmarks.presets` says.
 """
 
 import json
@@ -55,8 +54,6 @@ CALM = {
 }
 # The default, of whose margin the slack of a step leaves 5 mm.
 FARTHER = {"lookahead": {"distance_margin": 0.006}}
-# The default, whose null space is pulled to the nominal posture a quarter as hard.
-LOOSER = {"GvN": 40.0, "nominal_posture_gain": 10.0}
 # Targets begin to move at 0.5 s and go on until 6 s: errors are told for each [s].
 PARTS = ((0.5, 2.0), (2.0, 4.0), (4.0, 6.0))
 HEADER = (
@@ -104,9 +101,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         Entry("lookahead, calm", OURS, dict.fromkeys(cases, CALM | COMPILED)),
         Entry(
             "lookahead, default, 5 mm", OURS, dict.fromkeys(cases, FARTHER | COMPILED)
-        ),
-        Entry(
-            "lookahead, looser posture", OURS, dict.fromkeys(cases, LOOSER | COMPILED)
         ),
     ]
     compared = only(compared, arguments, benchmark)

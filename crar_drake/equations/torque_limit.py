@@ -138,11 +138,11 @@ def _least_excess(start, slope, bound):
 def _reserve(tau_brake, braked, limits):
     """What braking in the next step may need, (nu,).
 
-    What is beyond already must come back as far as braking alone brings it, to
-    `braked`, and never grow. Less would not do: Coriolis forces grow meanwhile.
+    What is beyond 80 % of a limit may not grow, and must come back as far as braking
+    alone brings it, to `braked`: Coriolis forces may grow as fast.
     """
-    needed = np.minimum(np.abs(tau_brake), np.abs(braked))
-    return np.maximum(_RESERVE * limits, needed)
+    least = np.minimum(np.abs(tau_brake), np.abs(braked))
+    return np.maximum(_RESERVE * limits, least)
 
 
 @compiled

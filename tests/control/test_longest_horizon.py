@@ -103,13 +103,11 @@ def test_a_torso_is_not_slowed_where_nothing_is_in_the_way(model):
 
 
 @pytest.mark.parametrize(
-    ("targets", "amount"), [(turned, 0.9), (jumping, 3), (jumping, 11)]
+    ("targets", "given"), [(turned, 0.9), (jumping, 3), (jumping, 11)]
 )
-def test_some_way_to_brake_is_always_clear_and_within_the_limits(
-    model, targets, amount
-):
+def test_some_way_to_brake_is_always_clear_and_within_the_limits(model, targets, given):
     """Either the short one, or the longer one: Drake's torques, the referee's path."""
-    states, answers = follow(model, PARAMETERS, targets(model, amount))
+    states, answers = follow(model, PARAMETERS, targets(model, given))
     assert all(each.admission[3] == 1.0 for each in answers)
     referee = Referee(model.plant, model.scene_graph, DESCRIPTION.pairs)
     slower = 0

@@ -213,8 +213,7 @@ def test_a_plan_leads_to_the_nominal_posture_if_there_is_a_gain(gain: float) -> 
     q, still = np.array([0.3, 0.4, -0.5, 0.6]), np.zeros(4)
     law = ControlLaw(model, parameters)
     rest = model.rest_positions()
-    given = (rest,) if gain else ()
-    a = law.step(q, still, model.tasks_at(q), np.zeros(0), *given).acceleration
+    a = law.step(q, still, model.tasks_at(q), np.zeros(0), rest).acceleration
     J = model.evaluate(model.MakeWorkspace(), q, still).J
     towards = a @ (rest - q)
     if gain == 0.0:

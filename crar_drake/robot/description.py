@@ -402,8 +402,9 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
         )
     folder = Path(description.folder)
     parser = Parser(plant)
-    if (folder / "package.xml").is_file():
-        parser.package_map().AddPackageXml(str(folder / "package.xml"))
+    package = (folder / "package.xml").absolute()  # Drake wants to see a folder
+    if package.is_file():
+        parser.package_map().AddPackageXml(str(package))
     model = folder / description.model
     try:
         parser.AddModels(str(model))

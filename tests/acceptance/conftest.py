@@ -1,4 +1,4 @@
-"""What more than one file of the acceptance suite needs: a real robot, people's motions."""
+"""What more than one file of the suite needs: a real robot, people's motions."""
 
 import fcntl
 import importlib.metadata

@@ -10,9 +10,12 @@ import io
 import os
 import subprocess
 import sys
+import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 # --- commands -----------------------------------------------------------------------
 
@@ -284,6 +287,496 @@ def load_robot(name: str) -> Any:
 
 # --- law and filter (section of LAW) --------------------------------------------------
 
+# What guide and theory promise, unless it is changed.
+SAFETY_DISTANCE = 4e-3  # of watched pairs [m]
+TOUCHING_SPEED = 0.05  # no faster link is touched by what moves by itself [m/s]
+GROUND_MARGIN, GROUND_FRICTION = 0.02, 0.5  # of a robot that stands [m], [1]
+HAND_SETS = {  # the paper's experiments: points that are tracked
+    "wrists": "wrists",
+    "seven": "upper-body",
+}
+
+
+@dataclass(frozen=True)
+class RobotFacts:
+    """What a robot's description says, for a judge who reads its model file.
+
+    Attributes:
+        file: of the model.
+        base: the link that stands at `place` [m], turned by `turn` (roll, pitch, yaw).
+        pairs: of links that are watched.
+        prescribed: joints whose motion is given.
+        soles: link to the corners of its sole, in its frame [m].
+    """
+
+    file: Path
+    base: str
+    place: tuple[float, ...]
+    turn: tuple[float, ...]
+    pairs: tuple[tuple[str, str], ...]
+    prescribed: tuple[str, ...]
+    soles: dict[str, list[list[float]]]
+
+
+def facts(robot: str | Path, *, stands: bool = False) -> RobotFacts:
+    """Of a robot by its name or folder; `stands`: on its soles, base and legs still."""
+    told = _described(robot, stands)
+    pose = told.root_pose
+    return RobotFacts(
+        Path(told.folder) / told.model,
+        told.base,
+        tuple(pose.xyz),
+        tuple(pose.rpy),
+        tuple(tuple(pair) for pair in told.pairs),
+        tuple(told.prescribed_joints),
+        dict(told.soles),
+    )
+
+
+def _described(robot: str | Path, stands: bool) -> Any:
+    from crar_drake import load_robot_description, standing_description
+
+    told = load_robot_description(robot)
+    return standing_description(told) if stands else told
+
+
+def write_robot(
+    folder: Path,
+    urdf: str,
+    *,
+    pairs: list[list[str]],
+    points: list[str],
+    base: str = "base",
+    prescribed: tuple[str, ...] = (),
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    rest: dict[str, float] | None = None,
+    soles: dict[str, list[list[float]]] | None = None,
+    floats: bool = False,
+) -> Path:
+    """Writes a robot as a user does: its model, and what it does not say.
+
+    Args:
+        points: links whose origins can be tracked.
+        prescribed: joints that stay, or are moved by somebody else.
+        floats: whether the base is not welded to the world.
+    """
+    import yaml
+
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "robot.urdf").write_text(urdf)
+    told = {
+        "name": "own",
+        "model": "robot.urdf",
+        "base": base,
+        "root_pose": {"xyz": list(map(float, place))},
+        "prescribed_joints": dict.fromkeys(prescribed, "hold"),
+        "task_frames": {point: point for point in points},
+        "pairs": [list(pair) for pair in pairs],
+        "rest_posture": rest or {},
+        "soles": soles or {},
+    }
+    if floats:
+        told["root"] = "prescribed"
+    (folder / ROBOT_FILE).write_text(yaml.safe_dump(told))
+    return folder
+
+
+def points_of(name: str) -> list[str]:
+    """The points of one of HAND_SETS."""
+    from crar_drake import EXPERIMENTS
+
+    return list(EXPERIMENTS[HAND_SETS[name]])
+
+
+@dataclass(frozen=True)
+class LawStep:
+    """A step of a law.
+
+    Attributes:
+        a: (n,) commanded accelerations of all joints, held for a period.
+        next_q, next_v: (n,) the state that they lead to.
+        torques: (n,) of the motors, by joint.
+        clipped: by which share of its limit a motor's torque was beyond it [1].
+        braking: whether the robot brakes since targets are no numbers.
+        as_desired: whether the nominal step was taken as it was.
+        blocked: the sphere that it runs into and the link, or None.
+        dq: (n_c,) the paper's constrained velocities of the controlled joints.
+        weights: (n_c,) the paper's W.
+    """
+
+    a: Any
+    next_q: Any
+    next_v: Any
+    torques: Any
+    clipped: float
+    braking: bool
+    as_desired: bool
+    blocked: tuple[str, str] | None
+    dq: Any
+    weights: Any
+
+
+class Law:
+    """The law of tasks in a user's own loop, all tasks positions of points.
+
+    Attributes:
+        joints: (n,) names, the order of all vectors.
+        controlled: (n_c,) indices of the joints that are not prescribed.
+        rest: (n,) the rest posture.
+        home: (P, 3) where the points are then [m].
+        period: [s].
+    """
+
+    def __init__(
+        self,
+        robot: str | Path,
+        points: list[str],
+        *,
+        period: float,
+        paper: str | None = None,
+        motors: bool = True,
+        plant_step: float = 0.0,
+        stands: bool = False,
+        balance: bool = False,
+        tracking_error: float = 0.0,
+        blend: float | None = None,
+    ) -> None:
+        """
+        Args:
+            robot: name or folder.
+            paper: "velocity" or "acceleration": the law of the paper, at this level.
+            motors: whether their limits are kept.
+            plant_step: time step of the plant [s], 0 if it is continuous.
+            stands: on its soles, base and legs still.
+            balance: whether it keeps to what the ground can give.
+            tracking_error: how far joints may be from their commands [rad or m].
+            blend: onto targets, in seconds; by default the product's.
+        """
+        from crar_drake import (
+            BalanceParameters,
+            ControlLaw,
+            ControlModel,
+            CrarParameters,
+            LookaheadParameters,
+            position_tasks,
+        )
+
+        told = _described(robot, stands)
+        model = ControlModel.FromDescription(
+            told, position_tasks(points), time_step=plant_step
+        )
+        given: dict[str, Any] = {"period": period}
+        if not motors:
+            given["respect_effort_limits"] = False
+        if paper:
+            given |= {"constraints": PAPER, "level": paper}
+        elif tracking_error:
+            given["lookahead"] = LookaheadParameters(tracking_error=tracking_error)
+        if balance:
+            given["balance"] = BalanceParameters()
+        if blend is not None:
+            given["blend_time"] = blend
+        self._law = ControlLaw(model, CrarParameters(**given))
+        self._model = model
+        self.period = period
+        self.joints = list(model.position_names)
+        self.controlled = list(model.controlled)
+        self.prescribed = list(model.prescribed)
+        self.rest = model.rest_positions()
+        here = model.layout.unpack(model.tasks_at(self.rest))
+        self.home = here.p.copy()
+        self._of_motor = [
+            model.plant.get_joint_actuator(i).joint().velocity_start()
+            for i in model.plant.GetJointActuatorIndices()
+        ]
+
+    def restart(self) -> None:
+        """The next step is a first one."""
+        self._law.reset()
+
+    def step(
+        self,
+        q: Any,
+        v: Any,
+        points: Any,
+        rates: Any = 0.0,
+        accelerations: Any = 0.0,
+        *,
+        prescribed: Any = None,
+        spheres: "Spheres | None" = None,
+    ) -> LawStep:
+        """A step; points (P, 3), their rates and accelerations [m, m/s, m/s^2].
+
+        Args:
+            prescribed: (3, n_p) positions, velocities and accelerations of prescribed
+                joints; by default they stay where they are at rest.
+        """
+        import numpy as np
+
+        model = self._model
+        at = np.broadcast_to(np.zeros((0, 3, 3)), (0, 3, 3))
+        rates, accelerations = (
+            np.broadcast_to(x, np.shape(points)).ravel() for x in (rates, accelerations)
+        )
+        tasks = model.layout.pack(at, points, rates, accelerations)
+        if prescribed is None:
+            given = model.prescribed_at(self.rest)
+        else:
+            given = np.ravel(prescribed)
+        around = None if spheres is None else spheres.made()
+        found = self._law.step(q, v, tasks, given, obstacles=around)
+        torques = np.zeros(len(self.joints))
+        torques[self._of_motor] = found.actuation
+        n = len(self.joints)
+        return LawStep(
+            found.acceleration,
+            found.position_command[:n],
+            found.position_command[n:],
+            torques,
+            float(found.torque_limit[1]),
+            float(found.status[0]) == 2.0,
+            float(found.admission[0]) == 0.0,
+            found.obstacle,
+            found.constrained_velocity,
+            found.constraint_weights,
+        )
+
+
+@dataclass(frozen=True)
+class Spheres:
+    """What moves by itself: centres (M, 3) [m], radii [m], bounds of speeds [m/s]."""
+
+    centres: Any
+    radii: Any
+    speeds: Any
+    names: tuple[str, ...] | None = None
+
+    def made(self) -> Any:
+        from crar_drake import Obstacles
+
+        return Obstacles(self.centres, self.radii, self.speeds, self.names)
+
+
+# Why a joint command is not passed on.
+PAIR, LIMIT, SPEED, MOTOR = "pair", "joint limit", "joint speed", "motor"
+SPHERE, RETURNING, NO_NUMBER = "obstacle", "catching up", "no number"
+TOO_LARGE = "no sense"  # numbers that overflow
+
+
+@dataclass(frozen=True)
+class FilterStep:
+    """What became of a desired joint command.
+
+    Attributes:
+        q, v, a: (n,) the state a period later, and the acceleration until then.
+        passed: whether the command is the desired one, bit by bit.
+        braking: whether nothing is left but to brake.
+        why: one of the reasons above, or "".
+        pair, joint: what it is about, or None.
+        safe_start: whether the step began with a braking path that is free.
+        clearance: no watched distance is smaller on the next braking path [m].
+        blocked: the sphere that it runs into and the link, or None.
+        too_fast: names of spheres that broke the bound of their speed.
+        error: the largest difference of a measured joint from the command before.
+        error_joint: of which joint.
+    """
+
+    q: Any
+    v: Any
+    a: Any
+    passed: bool
+    braking: bool
+    why: str
+    pair: tuple[str, str] | None
+    joint: str | None
+    safe_start: bool
+    clearance: float
+    blocked: tuple[str, str] | None
+    too_fast: tuple[str, ...]
+    error: float
+    error_joint: str | None
+
+
+class JointFilter:
+    """The filter of joint commands.
+
+    Attributes:
+        joints: (n,) names, the order of all vectors.
+        rest: (n,) the rest posture.
+        period, braking_time: [s].
+    """
+
+    def __init__(
+        self,
+        robot: str | Path,
+        period: float,
+        *,
+        motors: bool = False,
+        speeds: dict[str, float] | None = None,
+        tracking_error: float = 0.0,
+        evade: bool = False,
+    ) -> None:
+        """
+        Args:
+            robot: name or folder.
+            motors: whether their limits are kept.
+            speeds: joint to its largest speed, instead of the robot's [rad/s or m/s].
+            tracking_error: how far joints may be from their commands [rad or m].
+            evade: whether links get out of the way of spheres.
+        """
+        from dataclasses import replace
+
+        from crar_drake import SafetyFilter, filter_parameters
+
+        chosen = filter_parameters(period)
+        if tracking_error:
+            chosen = replace(chosen, tracking_error=tracking_error)
+        if evade:
+            chosen = replace(chosen, evade=True)
+        self._filter = made = SafetyFilter(
+            robot, period, chosen, effort_limits=motors, velocity_limits=speeds
+        )
+        self.joints = list(made.joint_names)
+        self.rest = made.model.rest_positions()
+        self.period = period
+        self.braking_time = made.parameters.braking_horizon
+
+    def restart(self, q: Any = None, v: Any = None) -> None:
+        """Begins at a state, or at rest."""
+        self._filter.reset(q, v)
+
+    def step(
+        self,
+        q: Any = None,
+        v: Any = None,
+        a: Any = None,
+        *,
+        measured: Any = None,
+        spheres: Spheres | None = None,
+    ) -> FilterStep:
+        """The command for the end of the period."""
+        around = None if spheres is None else spheres.made()
+        found = self._filter(q, v, a, measured=measured, obstacles=around)
+        told = found.report
+        return FilterStep(
+            *(found.q, found.v, found.a),
+            told.how == "nominal",
+            told.braking,
+            told.why,
+            told.pair,
+            told.joint,
+            told.clear,
+            told.clearance,
+            told.obstacle,
+            told.too_fast,
+            told.tracking_error,
+            told.tracking_joint,
+        )
+
+
 # --- tracking (section of TRACKING) ---------------------------------------------------
 
 # --- whole motions, imports, certificates (section of MOTIONS) ------------------------
+
+ROBOT_MOTIONS = "CRAR_ROBOT_MOTIONS"  # environment variable: the folder of such
+
+# Robots that are imported by their names: another humanoid's upper half, and an arm.
+UPPER_HALF, INDUSTRIAL_ARM = "talos", "ur5_joint_limited_robot"
+
+# What the last line begins with, where nothing is violated and where something is.
+HOLDS, BROKEN = "OK", "VIOLATED"
+
+# How the layouts of robots' motions are called, and how such files end.
+LAYOUTS = {
+    "w last": ("xyzw-csv", ".csv"),
+    "w first": ("wxyz-csv", ".csv"),
+    "named degrees": ("named-csv", ".csv"),
+    "arrays, depth first": ("mjlab-npz", ".npz"),
+    "arrays, breadth first": ("beyondmimic-npz", ".npz"),
+    "pickle": ("gmr-pkl", ".pkl"),
+}
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import has decided, as its files say.
+
+    Attributes:
+        joints: the joints that are controlled: lower and upper limit, effort, speed
+            (None: the file has none); rad, Nm and rad/s, or m, N and m/s.
+        points: the person's points that were found ("left wrist") -> link.
+        pairs: pairs of links that are kept apart.
+        base: "floating", "fixed", or "prescribed", which a motion moves about.
+        rest: joint -> where it rests.
+        model: the URDF that was written.
+    """
+
+    joints: dict[str, tuple[float | None, ...]]
+    points: dict[str, str]
+    pairs: set[frozenset[str]]
+    base: str
+    rest: dict[str, float]
+    model: Path
+
+
+def imported(folder: Path) -> Imported:
+    """Reads the folder of an imported robot."""
+    decided = yaml.safe_load((folder / "import.yaml").read_text())
+    model = folder / "robot.urdf"
+    joints = {}
+    for joint in ElementTree.parse(model).getroot().iter("joint"):
+        limit = joint.find("limit")
+        if joint.get("type") == "fixed" or limit is None:
+            continue
+        said = [limit.get(key) for key in ("lower", "upper", "effort", "velocity")]
+        joints[joint.get("name")] = tuple(v if v is None else float(v) for v in said)
+    frames, rest = decided["frames"], decided["rest_posture"]
+    return Imported(
+        joints,
+        {name.replace("_", " "): place["link"] for name, place in frames.items()},
+        {frozenset(pair) for pair in decided["pairs"]},
+        decided["base"],
+        {name: value for name, value in rest.items() if name in joints},
+        model,
+    )
+
+
+def imported_by_name(robot: str) -> Path:
+    """The folder of a robot that was imported without saying where to."""
+    return Path(os.environ[CACHE]) / "crar-drake" / "robots" / robot
+
+
+def certificate_of(motion: Path) -> Path:
+    """Where the certificate of a written motion lies."""
+    return motion.with_name(CERTIFICATE.format(motion.stem))
+
+
+# Where a certificate says what; of lists of frames, those of its only clip.
+CERTIFIED = {
+    "hash of the motion": ("motion", "sha256"),
+    "hash of the model": ("robot", "files", "robot.urdf"),
+    "rate": ("motion", "rate"),
+    "number of pairs": ("robot", "watched_pairs"),
+    "distance at frames": ("clips", 0, "frames", "distance"),
+    "distance between frames": ("clips", 0, "frames", "between"),
+    "margin to limits": ("clips", 0, "frames", "limit"),
+    "share of speed limits": ("clips", 0, "frames", "speed"),
+    "smallest distance": ("clips", 0, "smallest", "distance"),
+    "distance of meshes at frames": ("clips", 0, "meshes", "at_frames"),
+    "not covered": ("not_covered", "pairs"),
+}
+
+
+def certified(certificate: dict, what: str) -> Any:
+    """What a certificate, which was read as JSON, says by a neutral name."""
+    for key in CERTIFIED[what]:
+        certificate = certificate[key]
+    return certificate
+
+
+def certify(certificate: dict, what: str, value: Any) -> None:
+    """Makes a certificate say something else."""
+    *way, last = CERTIFIED[what]
+    for key in way:
+        certificate = certificate[key]
+    certificate[last] = value

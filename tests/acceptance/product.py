@@ -7,10 +7,15 @@ changes this file, and no test.
 
 import contextlib
 import io
+import json
 import os
+import re
+import signal
 import subprocess
 import sys
+import urllib.request
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -166,13 +171,20 @@ SCENARIO_KEYS = {
 
 
 def scenario(**values: object) -> str:
-    """A scenario's text: a line for each value, in their order."""
-    lines = []
+    """A scenario's text: a line for each value, in their order; those with a section in
+    common share its line."""
+    lines: dict[str, str] = {}
     for name, value in values.items():
-        *ways, last = SCENARIO_KEYS[name].split(".")
-        start = "".join(f"{way}: {{" for way in ways)
-        lines.append(f"{start}{last}: {value}{'}' * len(ways)}")
-    return "\n".join(lines) + "\n"
+        top, *ways = SCENARIO_KEYS[name].split(".")
+        entry = "".join(f"{way}: {{" for way in ways[:-1])
+        entry += f"{ways[-1]}: {value}{'}' * (len(ways) - 1)}" if ways else f"{value}"
+        lines[top] = f"{lines[top]}, {entry}" if top in lines else entry
+    keys = [SCENARIO_KEYS[name] for name in values]
+    nested = {key.partition(".")[0] for key in keys if "." in key}
+    return "".join(
+        f"{top}: {{{text}}}\n" if top in nested else f"{top}: {text}\n"
+        for top, text in lines.items()
+    )
 
 
 def leaf(name: str) -> str:
@@ -271,18 +283,259 @@ def simulate(wired: Wired, given: dict[str, tuple[Any, Any]], duration: float) -
     return simulator.get_context()
 
 
-def guard(robot: str, period: float = 0.01) -> Any:
-    """The filter of joint commands; to be called with positions."""
-    from crar_drake import SafetyFilter
-
-    return SafetyFilter(robot, period=period)
-
-
 def load_robot(name: str) -> Any:
     """A robot's description."""
     from crar_drake import load_robot_description
 
     return load_robot_description(name)
+
+
+def point_links(robot: str) -> dict[str, str]:
+    """The point of a robot to the link or frame that it is the origin of."""
+    return dict(load_robot(robot).task_frames)
+
+
+# What a run leaves in its folder, by what it is.
+RUN_FILES = {
+    "log": "log.npz",
+    "figures": "summary.json",
+    "plot": "plot.png",
+    "page": "recording.html",
+}
+PAGE_OF_A_LOG = "playback.html"  # which is made later, beside it
+PAGE_OF_SEVERAL = "out/compare.html"
+
+# What the page of a run is made of, as a browser finds it.
+PAGE_PARTS = {
+    "title": "#crar-caption h1",
+    "figures": "#crar-caption ul",
+    "legend": "#crar-legend ul",
+    "scene": "#crar-stage canvas",
+    "play": "#crar-play",
+    "time": "#crar-time",
+    "speed": "#crar-speed",
+    "keys": "#crar-keys",
+    "time line": "#crar-timeline svg",
+}
+# What its script says and does, as JavaScript.
+PAGE_IS_READY = "window.crar && crar.state"
+PAGE_PLAYS, PAGE_TIME = "crar.state.playing", "crar.state.time"
+PAGE_SEEK, PAGE_STOP = "crar.seek({})", "crar.play(false)"
+
+
+@dataclass(frozen=True)
+class Log:
+    """A run's log: T samples.
+
+    Attributes:
+        time: (T,) [s].
+        q, v, commanded: (T, n) positions, velocities, commanded accelerations.
+        efforts: (T, m) of the motors [Nm or N].
+        targets, errors: point -> (T, 3) where it should be, and by how much it is not
+            there [m], of points that have a place.
+        turns: point -> (T, 3) error of its orientation [rad], of those that have one.
+        distances: (T, P) of watched pairs [m].
+        joints, motors, controlled: names of the columns of q, of efforts, and of the
+            joints that the law moves.
+        pairs: (P,) "link - link".
+        lower, upper, speeds: (n,) limits.
+        scenario: its text.
+    """
+
+    time: Any
+    q: Any
+    v: Any
+    commanded: Any
+    efforts: Any
+    targets: dict[str, Any]
+    errors: dict[str, Any]
+    turns: dict[str, Any]
+    distances: Any
+    joints: list[str]
+    motors: list[str]
+    controlled: list[str]
+    pairs: list[str]
+    lower: Any
+    upper: Any
+    speeds: Any
+    scenario: str
+
+
+def read_log(path: Path) -> Log:
+    """Reads a log as the NumPy archive that the guide says it is."""
+    import numpy as np
+
+    with np.load(path) as archive:
+        log = {name: archive[name] for name in archive.files}
+    targets, errors, turns, row, entry = {}, {}, {}, 0, 0
+    for point, kind in zip(log["task_names"], log["task_kinds"], strict=True):
+        if kind in ("orientation", "pose"):
+            turns[str(point)] = log["task_error"][:, row : row + 3]
+            row, entry = row + 3, entry + 4  # targets are quaternions
+        if kind in ("position", "pose"):
+            targets[str(point)] = log["desired_tasks"][:, entry : entry + 3]
+            errors[str(point)] = log["task_error"][:, row : row + 3]
+            row, entry = row + 3, entry + 3
+    assert row == log["task_error"].shape[1]
+    names = ("position_names", "actuator_names", "controlled_names", "pair_names")
+    return Log(
+        *(log[name] for name in ("time", "q", "v", "desired_acceleration")),
+        log["actuation"],
+        *(targets, errors, turns),
+        log["signed_distances"],
+        *(log[name].tolist() for name in names),
+        *(log["lower"], log["upper"], log["velocity_limits"]),
+        str(log["scenario"]),
+    )
+
+
+# A run's figures, by neutral names.
+FIGURES = {
+    "duration": "duration",
+    "samples": "samples",
+    "error": "rms_task_error",  # of places, root mean square [m]
+    "turn": "rms_orientation_error",
+    "distance": "smallest_distance",
+    "pair": "smallest_distance_pair",
+    "when": "smallest_distance_time",
+    "violated": "violated_samples",  # samples, and so below
+    "penetrating": "penetrating_samples",
+    "beyond a limit": "beyond_limit_samples",
+    "too fast": "beyond_speed_samples",
+    "effort": "peak_torque",
+    "strained": "peak_torque_joint",
+    "acceleration": "rms_acceleration",  # commanded, root mean square [rad/s^2]
+    "warnings": "warnings",
+    "stopped": "stopped",
+}
+
+
+def read_figures(path: Path) -> dict[str, Any]:
+    """A run's figures; "errors" has those of each point."""
+    told = json.loads(path.read_text())
+    figures = {name: told[key] for name, key in FIGURES.items()}
+    points = {point: each["rms_error"] for point, each in told["tasks"].items()}
+    return figures | {"errors": points, "stance": told["stance"]}
+
+
+def stance(told: dict[str, Any]) -> tuple[float, float | None]:
+    """How far a robot that stood leaned [rad], and when it fell [s]."""
+    return told["lean"], told["fell"]
+
+
+@contextlib.contextmanager
+def running(*argv: object, cwd: Path) -> Iterator[tuple[subprocess.Popen, str]]:
+    """A command in a process of its own, and the first line that it printed. It heeds
+    Ctrl-C (SIGINT), and ends with the block."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", MODULE, *map(str, argv)],
+        cwd=cwd,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A background job may ignore it, and so would its child.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    try:
+        yield process, process.stdout.readline()
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def port_of(line: str) -> int:
+    """The port that a server's first line names."""
+    return int(re.search(r"127\.0\.0\.1:(\d+)", line)[1])
+
+
+# --- what is served over UDP
+
+DESCRIBE = b'{"describe": true}'
+
+
+def to_points(places: dict[str, Any]) -> bytes:
+    """A message: where points should be [m]."""
+    targets = {name: {"position": list(map(float, p))} for name, p in places.items()}
+    return json.dumps({"targets": targets}).encode()
+
+
+def spheres(**names: tuple[Any, float, float]) -> bytes:
+    """A message: places [m], radii [m] and largest speeds [m/s] of spheres."""
+    told = {
+        name: {"position": list(map(float, p)), "radius": radius, "speed": speed}
+        for name, (p, radius, speed) in names.items()
+    }
+    return json.dumps({"obstacles": told}).encode()
+
+
+@dataclass(frozen=True)
+class Served:
+    """An answer: a description of what is served (joints and targets that would ask
+    the robot to stay), or a command; what it is not has None."""
+
+    joints: list[str] | None
+    stay: dict[str, list[float]] | None
+    q: list[float] | None
+    v: list[float] | None
+    efforts: list[float] | None
+    brakes: bool
+
+
+def served(answer: bytes) -> Served:
+    """Reads an answer."""
+    told = json.loads(answer)
+    if "tasks" in told:
+        stay = {name: each["position"] for name, each in told["targets"].items()}
+        return Served(told["positions"], stay, None, None, None, False)
+    values = (told[key] for key in ("positions", "velocities", "torques"))
+    return Served(None, None, *values, told["status"] == "braking")
+
+
+# --- what is played over HTTP
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What the page of a live run shows.
+
+    Attributes:
+        number: of the frame.
+        time: simulated [s].
+        targets: places of the points' targets [m].
+        drags: by how much they were dragged.
+    """
+
+    number: int
+    time: float
+    targets: list[list[float]]
+    drags: list[list[float]]
+
+
+def next_frame(url: str, after: int = 0) -> Frame:
+    """Waits for a frame of a live run after the one of a number."""
+    while True:
+        with urllib.request.urlopen(f"{url}live?after={after}", timeout=60) as answer:
+            told = json.load(answer)
+        if frame := told["frame"]:
+            values = (frame["time"], frame["targets"], frame["offsets"])
+            return Frame(told["number"], *values)
+
+
+def drag(url: str, target: int, by: list[float]) -> None:
+    """Drags a target of a live run, by its number, by metres."""
+    _ask(url, {"do": "offset", "task": target, "value": by})
+
+
+def hold_motion(url: str) -> None:
+    """Stops the motion of a live run where it is."""
+    _ask(url, {"do": "motion", "value": False})
+
+
+def _ask(url: str, what: dict[str, object]) -> None:
+    headers = {"Content-Type": "application/json"}
+    body = json.dumps(what).encode()
+    asked = urllib.request.Request(f"{url}do", body, headers)
+    urllib.request.urlopen(asked, timeout=60).close()
 
 
 # --- law and filter (section of LAW) --------------------------------------------------

@@ -362,12 +362,12 @@ def period_below_0() -> None:
 
 
 def posture_too_short() -> None:
-    guard = product.guard(product.BUILT_IN)
-    guard(np.zeros(3))
+    product.JointFilter(product.BUILT_IN, 0.01).step(np.zeros(3))
 
 
 def joint_of_no_robot() -> None:
-    product.guard(product.BUILT_IN)({misspelt(product.JOINT): 0.1})
+    guard = product.JointFilter(product.BUILT_IN, 0.01)
+    guard.step({misspelt(product.JOINT): 0.1})
 
 
 def robot_of_no_name() -> None:

@@ -26,6 +26,18 @@ def example(path: str) -> Path:
     return Path(str(distribution(EXAMPLES).locate_file(f"{prefix}/{path}")))
 
 
+def limits(urdf: Path) -> dict[str, tuple[float, ...]]:
+    """Lower and upper limit, effort and speed of a URDF's joints that have limits."""
+    keys = ("lower", "upper", "effort", "velocity")
+    return {
+        joint.get("name"): tuple(
+            float(joint.find("limit").get(key, 0.0)) for key in keys
+        )
+        for joint in ElementTree.parse(urdf).getroot().iter("joint")
+        if joint.find("limit") is not None
+    }
+
+
 class Robot:
     """A URDF's links, joints and meshes.
 
@@ -45,7 +57,6 @@ class Robot:
         names = [link.get("name") for link in root.findall("link")]
         (base,) = (name for name in names if name not in children)
         self._links[base] = "", None, np.eye(4), np.zeros(3)
-        limits = []
 
         def descend(parent: str) -> None:
             for joint in joints:
@@ -56,15 +67,15 @@ class Robot:
                     assert joint.get("type") == "revolute", joint.get("type")
                     number, axis = len(self.joints), _three(joint.find("axis"), "xyz")
                     self.joints.append(joint.get("name"))
-                    limit = joint.find("limit")
-                    keys = ("lower", "upper", "velocity")
-                    limits.append([float(limit.get(key)) for key in keys])
                 link = joint.find("child").get("link")
                 self._links[link] = parent, number, _place(joint), axis
                 descend(link)
 
         descend(base)
-        self.lower, self.upper, self.speed = np.array(limits).T
+        said = limits(urdf)
+        self.lower, self.upper, _, self.speed = np.array(
+            [said[j] for j in self.joints]
+        ).T
         self._meshes = _meshes(root, urdf)
         self._objects = {name: _fcl_object(m) for name, m in self._meshes.items()}
         self._hulls = {
@@ -88,7 +99,9 @@ class Robot:
                 found[name] = found[name] @ turn
         return found
 
-    def point(self, poses: Mapping, link: str, p: tuple = (0.0, 0.0, 0.0)) -> np.ndarray:
+    def point(
+        self, poses: Mapping, link: str, p: tuple = (0.0, 0.0, 0.0)
+    ) -> np.ndarray:
         """(T, 3) places of a point that is fixed in a link."""
         return poses[link][:, :3, 3] + poses[link][:, :3, :3] @ np.array(p)
 
@@ -100,18 +113,20 @@ class Robot:
         ]
         return np.min(heights, axis=0)
 
-    def pairs(self, *built: np.ndarray) -> set[tuple[str, str]]:
-        """Links with meshes and more than one joint between, less those that meet in
-        all of the given (n,) postures: they do as they are built."""
+    def pairs(self, *built: np.ndarray, beyond: int = 1) -> set[tuple[str, str]]:
+        """Links with meshes and more than so many joints between, less those that meet
+        in all of the given (n,) postures: they do as they are built."""
         ways = {name: list(self._way(name)) for name in self._meshes}
         pairs = {
             (a, b)
             for a, b in itertools.combinations(self._meshes, 2)
-            if len(set(ways[a]) ^ set(ways[b])) > 1
+            if len(set(ways[a]) ^ set(ways[b])) > beyond
         }
         meet = [set(self._crossing(q[None], pairs, 0.0)) for q in built]
         return pairs - {
-            pair for pair in pairs if meet and all((0, *pair) in found for found in meet)
+            pair
+            for pair in pairs
+            if meet and all((0, *pair) in found for found in meet)
         }
 
     def penetrating(self, q: np.ndarray, pairs: set) -> list[tuple[int, str, str]]:
@@ -168,7 +183,9 @@ class Robot:
         )
 
 
-DIRECTIONS = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+DIRECTIONS = np.array(
+    [d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)]
+)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1)[:, None]
 
 

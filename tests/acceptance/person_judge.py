@@ -61,14 +61,20 @@ def _read_skeleton(asf: Path) -> list[tuple[str, str, Rotation, np.ndarray, list
     bonedata, hierarchy = sections.split(":hierarchy")
     bones = {}
     for block in bonedata.split("begin")[1:]:
-        words = {line.split()[0]: line.split()[1:] for line in block.splitlines() if line.split()}
+        words = {
+            line.split()[0]: line.split()[1:]
+            for line in block.splitlines()
+            if line.split()
+        }
         axes = Rotation.from_euler("xyz", np.float64(words["axis"][:3]), degrees=True)
         offset = np.float64(words["direction"]) * float(words["length"][0])
         bones[words["name"][0]] = axes, offset, words.get("dof", [])
     found = []
     for line in hierarchy.splitlines():
         parent, *children = line.split() or [""]
-        found += [(child, parent, *bones[child]) for child in children if child in bones]
+        found += [
+            (child, parent, *bones[child]) for child in children if child in bones
+        ]
     return found
 
 
@@ -89,7 +95,10 @@ def _read_frames(amc: Path) -> Iterator[dict[str, list[float]]]:
 def _starts(skeleton: list, frame: dict[str, list[float]]) -> dict[str, np.ndarray]:
     """Where each bone begins."""
     p, angles = np.array(frame["root"][:3]), frame["root"][3:]
-    ends, turns = {"root": p}, {"root": Rotation.from_euler("xyz", angles, degrees=True)}
+    ends, turns = (
+        {"root": p},
+        {"root": Rotation.from_euler("xyz", angles, degrees=True)},
+    )
     starts = {}
     for bone, parent, axes, offset, names in skeleton:
         own = dict(zip(names, frame.get(bone, []), strict=True))

@@ -6,11 +6,14 @@ changes this file, and no test.
 """
 
 import contextlib
+import dataclasses
+import functools
 import io
 import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import urllib.request
@@ -235,16 +238,12 @@ TARGETS = "desired_tasks"
 
 def plant_of_the_robot(*, finalized: bool = True) -> Wired:
     """The built-in robot in a plant of 1 ms."""
-    from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-    from pydrake.systems.framework import DiagramBuilder
-
     from crar_drake import AddRobot
 
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
-    wired = Wired(builder, plant, scene_graph, AddRobot(plant, BUILT_IN))
+    wired = empty_plant()
+    wired.robot = AddRobot(wired.plant, BUILT_IN)
     if finalized:
-        plant.Finalize()
+        wired.plant.Finalize()
     return wired
 
 
@@ -491,6 +490,9 @@ def served(answer: bytes) -> Served:
     return Served(None, None, *values, told["status"] == "braking")
 
 
+# What tells an answer from other messages in the guide.
+ANSWER_HAS = {"positions", "torques"}
+
 # --- what is played over HTTP
 
 
@@ -536,6 +538,253 @@ def _ask(url: str, what: dict[str, object]) -> None:
     body = json.dumps(what).encode()
     asked = urllib.request.Request(f"{url}do", body, headers)
     urllib.request.urlopen(asked, timeout=60).close()
+
+
+# --- what the pages show
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What becomes of a command in a page.
+
+    Attributes:
+        begins: a regular expression for the command, with what it begins.
+        more: words that make it short, for one that is run here; else None.
+        elsewhere: the test of the suite that does what the command does, or why it is
+            parsed only.
+    """
+
+    begins: str
+    more: tuple[str, ...] | None = None
+    elsewhere: str = ""
+
+
+_SHORT = ("--duration", "0.05", "--no-recording")
+# The first whose beginning fits; a command without any fails its test.
+PAGE_RULES = [
+    Rule(f"{PROGRAM} COMMAND --help", elsewhere="test_every_commands_help"),
+    Rule(f"{PROGRAM} list", ()),
+    Rule(f"{PROGRAM} run [a-z0-9]+_standing", elsewhere="test_a_robot_that_stands"),
+    Rule(f"{PROGRAM} run (g1|SCENARIO)", elsewhere="minutes of a humanoid's work"),
+    Rule(f"{PROGRAM} run", _SHORT),
+    Rule(f"{PROGRAM} judge out/g1", elsewhere="a motion of minutes of work"),
+    Rule(rf"{PROGRAM} judge .*log\.npz", ()),
+    Rule(f"{PROGRAM} (judge|clean|compare) .*g1_", elsewhere="test_clean"),
+    Rule(f"{PROGRAM} retarget", elsewhere="test_retarget"),
+    Rule(f"{PROGRAM} (convert|motion|playback|compare)", ()),
+    Rule(f"{PROGRAM} serve .*--lcm", elsewhere="it needs LCM's network"),
+    Rule(f"{PROGRAM} serve --joints", ("--port", "0", *_SHORT[:2])),
+    Rule(f"{PROGRAM} serve", elsewhere="test_it_serves_and_ends"),
+    Rule(f"{PROGRAM} play", elsewhere="test_it_plays_and_ends"),
+    Rule(f"{PROGRAM} fetch", elsewhere="it needs a network"),
+    Rule(f"{PROGRAM} import-robot", elsewhere="test_a_humanoid"),
+    Rule("python examples/(filter_a_policy|controller_in_|see_)", ()),
+    Rule("python ", elsewhere="it measures, or needs a server or minutes"),
+]
+# What stands for a user's own, or for what takes long to import.
+PAGE_WORDS = {"my_robot": BUILT_IN, "g1": BUILT_IN}
+# What a page says of a command's end, and the exit code.
+PAGE_CODES = {"VIOLATED": VIOLATED, "exit code 1": VIOLATED}
+
+
+def parse_error(words: list[str]) -> str:
+    """What the product's own parser says against a command line; "" if nothing."""
+    from crar_drake import CrarError
+    from crar_drake.commands import make_parser, parse
+
+    try:
+        parse(make_parser(), words)
+    except CrarError as error:
+        return str(error)
+    return ""
+
+
+# What README's program prints, and the largest error that it may name [mm].
+README_SAYS, README_ERROR = r"wrists off by at most ([\d.]+) mm\n", 2.0
+
+# Text of pages' programs to what stands in its place: names that a user has, and what
+# a comment leaves to the reader.
+SNIPPET_TEXTS = {
+    '"my_robot"': f'"{BUILT_IN}"',
+    "# ... simulator.AdvanceTo(...)": "Simulator(builder.Build()).AdvanceTo(0.01)",
+}
+
+
+class Given:
+    """What a page's program takes for given: Drake's names, the public ones of the
+    product, and a user's plant, robot, targets and the like, which belong together.
+    Each attribute is made when it is asked for."""
+
+    period = 0.02
+    centres = ((1.0, 0.0, 1.0), (0.0, 1.5, 1.0))  # of two persons
+
+    def __init__(self, code: str) -> None:
+        """
+        Args:
+            code: of the program, which says what it makes itself.
+        """
+        self._code = code
+
+    def __getattr__(self, name: str) -> Any:
+        import pydrake.geometry
+        import pydrake.math
+        import pydrake.multibody.tree
+        import pydrake.systems.analysis
+        import pydrake.visualization
+
+        import crar_drake
+
+        if name in crar_drake.__all__:
+            return getattr(crar_drake, name)
+        for module in (
+            *(pydrake.geometry, pydrake.math, pydrake.multibody.tree),
+            *(pydrake.systems.analysis, pydrake.visualization),
+        ):
+            if hasattr(module, name):
+                return getattr(module, name)
+        known = {"dataclasses": dataclasses, "Path": Path, "json": json}
+        known |= {"socket": socket}
+        if name not in known:
+            raise AttributeError(name)
+        return known[name]
+
+    @functools.cached_property
+    def _wired(self) -> Wired:
+        if "AddRobot" in self._code:
+            return empty_plant()
+        if "model_instance=arm" in self._code:
+            return robot_by_its_own_file()
+        return plant_of_the_robot(finalized="Finalize" not in self._code)
+
+    @property
+    def builder(self) -> Any:
+        return self._wired.builder
+
+    @property
+    def plant(self) -> Any:
+        return self._wired.plant
+
+    @property
+    def scene_graph(self) -> Any:
+        return self._wired.scene_graph
+
+    @property
+    def robot(self) -> Any:
+        return self._wired.robot
+
+    arm = robot  # its instance, of a robot by its own file
+
+    @functools.cached_property
+    def tasks(self) -> Any:
+        from crar_drake import position_tasks
+
+        return position_tasks([POINT])
+
+    @functools.cached_property
+    def parameters(self) -> Any:
+        from crar_drake import CrarParameters
+
+        return CrarParameters()
+
+    @functools.cached_property
+    def controller(self) -> Any:
+        return wire(self._wired).controller
+
+    @property
+    def model(self) -> Any:
+        return self.controller.model
+
+    @functools.cached_property
+    def context(self) -> Any:
+        self.controller  # noqa: B018, which is added to the diagram
+        root = simulate(self._wired, self._wired.ports(), 0.01)
+        return self.controller.GetMyContextFromRoot(root)
+
+    @property
+    def q(self) -> Any:
+        return self.model.rest_positions()
+
+    @property
+    def v(self) -> Any:
+        return 0.0 * self.q
+
+    @property
+    def desired_tasks(self) -> Any:
+        return self.model.tasks_at(self.q)
+
+    first_tasks = desired_tasks
+
+    @property
+    def desired_prescribed(self) -> Any:
+        return self.model.prescribed_at(self.q)
+
+    @functools.cached_property
+    def filter(self) -> Any:
+        from crar_drake import SafetyFilter
+
+        return SafetyFilter(BUILT_IN, self.period)
+
+    @property
+    def wanted(self) -> Any:
+        return self.filter.model.rest_positions()
+
+    q_measured = wanted
+
+    @property
+    def v_measured(self) -> Any:
+        return 0.0 * self.wanted
+
+
+def empty_plant() -> Wired:
+    """A plant of 1 ms without a robot."""
+    from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+    from pydrake.systems.framework import DiagramBuilder
+
+    builder = DiagramBuilder()
+    return Wired(builder, *AddMultibodyPlantSceneGraph(builder, 1e-3), None)
+
+
+def robot_by_its_own_file() -> Wired:
+    """The built-in robot by Drake's parser, in a plant; its instance is its robot."""
+    from pydrake.multibody.parsing import Parser
+
+    wired, of = empty_plant(), facts(BUILT_IN)
+    (wired.robot,) = Parser(wired.plant).AddModels(str(of.file))
+    base = wired.plant.GetFrameByName(of.base)
+    wired.plant.WeldFrames(wired.plant.world_frame(), base)
+    wired.plant.Finalize()
+    return wired
+
+
+def yaml_error(text: str, folder: Path) -> str:
+    """What is wrong with YAML of a page, as a scenario, a robot's file or a table of a
+    person's joints, or a part of them: what each of them says; "" if one takes it."""
+    from crar_drake import CrarError, load_robot_description, load_scenario
+    from crar_drake.motion.joint_names import load_joint_file
+
+    whole = yaml.safe_load((robot_folder(BUILT_IN) / ROBOT_FILE).read_text())
+    parts = {"robot": BUILT_IN, "motion": MOTION, "tasks": TASKS}
+    scenario_part = yaml.safe_load(scenario(**parts))
+    told, said = yaml.safe_load(text), []
+
+    def load_joints(path: Path) -> None:
+        load_joint_file(str(path), list(map(str, told.values())))
+
+    for load, around in (
+        (load_scenario, scenario_part),
+        (load_robot_description, whole),
+        (load_joints, {}),
+    ):
+        path = folder / ROBOT_FILE
+        path.write_text(yaml.safe_dump(around | told))
+        (folder / whole["model"]).touch()
+        try:
+            load(path)
+        except CrarError as error:
+            said.append(str(error))
+        else:
+            return ""
+    return "\n".join(said)
 
 
 # --- law and filter (section of LAW) --------------------------------------------------

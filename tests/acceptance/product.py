@@ -578,8 +578,8 @@ PAGE_RULES = [
     Rule(f"{PROGRAM} play", elsewhere="test_it_plays_and_ends"),
     Rule(f"{PROGRAM} fetch", elsewhere="it needs a network"),
     Rule(f"{PROGRAM} import-robot", elsewhere="test_a_humanoid"),
-    Rule("python examples/(filter_a_policy|controller_in_|see_)", ()),
-    Rule("python ", elsewhere="it measures, or needs a server or minutes"),
+    Rule("python examples/filter_a_policy", ()),
+    Rule("python ", elsewhere="tests/test_examples.py, or it measures for minutes"),
 ]
 # What stands for a user's own, or for what takes long to import.
 PAGE_WORDS = {"my_robot": BUILT_IN, "g1": BUILT_IN}

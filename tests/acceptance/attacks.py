@@ -213,3 +213,16 @@ def assert_torques_are_kept(judge: RobotJudge, found: Run, kind: str) -> None:
     assert not (beyond[starts] & (clipped == 0.0)).any()
     if found.tick >= MOTOR_TICK:
         assert beyond.mean() <= MOST_BEYOND[kind]
+
+
+def worst_of(judge: RobotJudge, q: np.ndarray, E: float) -> np.ndarray:
+    """States (N, n) within E of those given: towards a contact of the nearest pairs."""
+    h = 1e-6
+    d = judge.distances(q)
+    moved = judge.distances(
+        (q[:, None] + h * np.eye(q.shape[1])).reshape(-1, q.shape[1])
+    )
+    towards = np.sign(moved.reshape(*q.shape, -1) - d[:, None])
+    near = np.argsort(d, axis=1)[:, :3]
+    signs = np.take_along_axis(towards, near[:, None], axis=2)
+    return (q[:, None] - E * signs.swapaxes(1, 2)).reshape(-1, q.shape[1])

@@ -1062,7 +1062,6 @@ class Spheres:
 # Why a joint command is not passed on.
 PAIR, LIMIT, SPEED, MOTOR = "pair", "joint limit", "joint speed", "motor"
 SPHERE, RETURNING, NO_NUMBER = "obstacle", "catching up", "no number"
-TOO_LARGE = "no sense"  # numbers that overflow
 
 
 @dataclass(frozen=True)

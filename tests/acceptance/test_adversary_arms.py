@@ -14,13 +14,14 @@ from attacks import (
     assert_torques_are_kept,
     attack,
     judge_of,
+    worst_of,
 )
-from judges import RobotJudge
 from own_robots import odd_robot
 
 PERIODS = [(1e-3, 0.0), (2e-3, 1e-3), (5e-3, 0.0), (0.01, 1e-3), (0.02, 0.0)]
-ODD = [(seed, *PERIODS[seed % 5]) for seed in range(10)]
-MOST = 300  # periods of an episode
+# Seeds of robots that come near to themselves and to posts, each at one period.
+ODD = [(seed, *PERIODS[i % 5]) for i, seed in enumerate((0, 12, 2, 10, 4, 30, 31, 7))]
+MOST = 200  # periods of an episode
 
 
 @pytest.mark.parametrize("motors", [True, False], ids=["motors", "no motors"])
@@ -93,16 +94,3 @@ def test_a_robot_that_errs_by_its_bound_keeps_the_distance():
                 assert room.min() >= E - 1e-9
         smallest[error] = least
     assert smallest[E] < 0.05 and smallest[0.0] < product.SAFETY_DISTANCE - 1e-3
-
-
-def worst_of(judge: RobotJudge, q: np.ndarray, E: float) -> np.ndarray:
-    """States (N, n) within E of those given: towards a contact of the nearest pairs."""
-    h = 1e-6
-    d = judge.distances(q)
-    moved = judge.distances(
-        (q[:, None] + h * np.eye(q.shape[1])).reshape(-1, q.shape[1])
-    )
-    towards = np.sign(moved.reshape(*q.shape, -1) - d[:, None])
-    near = np.argsort(d, axis=1)[:, :3]
-    signs = np.take_along_axis(towards, near[:, None], axis=2)
-    return (q[:, None] - E * signs.swapaxes(1, 2)).reshape(-1, q.shape[1])

@@ -569,8 +569,12 @@ PAGE_RULES = [
     Rule(f"{PROGRAM} run", _SHORT),
     Rule(f"{PROGRAM} judge out/g1", elsewhere="a motion of minutes of work"),
     Rule(rf"{PROGRAM} judge .*log\.npz", ()),
-    Rule(f"{PROGRAM} (judge|clean|compare) .*g1_", elsewhere="test_clean"),
-    Rule(f"{PROGRAM} retarget", elsewhere="test_retarget"),
+    Rule(
+        f"{PROGRAM} (judge|clean) .*g1_",
+        elsewhere="test_before_it_is_violated_and_after_it_is_not",
+    ),
+    Rule(f"{PROGRAM} retarget", elsewhere="test_it_moves_like_the_person_as_it_did"),
+    Rule(f"{PROGRAM} compare .*csv", ("--no-meshes",)),
     Rule(f"{PROGRAM} (convert|motion|playback|compare)", ()),
     Rule(f"{PROGRAM} serve .*--lcm", elsewhere="it needs LCM's network"),
     Rule(f"{PROGRAM} serve --joints", ("--port", "0", *_SHORT[:2])),
@@ -881,6 +885,12 @@ def write_robot(
         told["root"] = "prescribed"
     (folder / ROBOT_FILE).write_text(yaml.safe_dump(told))
     return folder
+
+
+def links_of(robot: str | Path, points: list[str]) -> list[str]:
+    """The links whose origins are a robot's points."""
+    told = _described(robot, stands=False)
+    return [told.task_frames[point] for point in points]
 
 
 def points_of(name: str) -> list[str]:

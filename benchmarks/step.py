@@ -22,10 +22,10 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
+from benchmarks.options import add_preview_option, defaults_or_preview
 from benchmarks.page import Benchmark, describe_machine
 from benchmarks.page import run as run_command
 from benchmarks.plain import as_it_is, plain
-from benchmarks.preview_option import add_preview_option, defaults_or_preview
 from benchmarks.step_compiling import measure_compiling
 from benchmarks.step_report import draw_bench, tables
 from benchmarks.step_robots import PERIOD, make_robot, make_samples

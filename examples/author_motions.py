@@ -23,9 +23,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from benchmarks.amc_files import write_amc, write_asf
 from scipy.interpolate import PchipInterpolator
 
-from benchmarks.amc_files import write_amc, write_asf
 from crar_drake.motion.formats.asf_amc import (
     Bone,
     Clip,

@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.kept import seed_number
+from benchmarks.options import seed_number
 from benchmarks.page import Benchmark, Table, run
 from benchmarks.peers.compare import (
     COMPILED,

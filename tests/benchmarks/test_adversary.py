@@ -1,30 +1,18 @@
 """The adversary: its judge is right, its attacks are sound, a bad law is caught."""
 
 import json
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.multibody.tree import PrismaticJoint
 from scipy.spatial import ConvexHull
 
 from benchmarks.adversary import __main__ as command
-from benchmarks.adversary import drive
-from benchmarks.adversary.attacks import ATTACKS, GAINS, make_episode
+from benchmarks.adversary.attacks import ATTACKS, make_episode
 from benchmarks.adversary.cases import (
     Case,
-    Result,
-    law_digest,
     make_cases,
-    read_results,
-    write_results,
 )
-from benchmarks.adversary.drive import drive_exact, drive_torque
 from benchmarks.adversary.judge import (
     box_distances,
     segment_distances,
@@ -32,22 +20,14 @@ from benchmarks.adversary.judge import (
     segments_to_hull,
 )
 from benchmarks.adversary.policies import POLICIES
-from benchmarks.adversary.random_robots import KINDS, draw_robot
+from benchmarks.adversary.random_robots import KINDS
 from benchmarks.adversary.robots import load_subject
-from benchmarks.adversary.run import play, play_and_judge, run_case
+from benchmarks.adversary.run import play_and_judge, run_case
 from benchmarks.adversary.starts import (
-    FARTHEST,
-    POSE_CLEARANCE,
-    fast,
     random_poses,
-    singular,
 )
-from benchmarks.adversary.targets import approach, chirp, waves
-from benchmarks.page import Benchmark
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.errors import CrarError, ScenarioError
-from crar_drake.judging.referee import Referee
 from crar_drake.robot.description import find_body
 
 ROBOTS = ("upper_body", "obstacle_arm", "jaw")  # those that need no import
@@ -142,13 +122,9 @@ def test_distances_of_boxes_that_meet_or_touch():
     assert (d == 0.0).any() and (d > 0.1).any()
 
 
-
-
 def shapes(model, name):
     body = find_body(model.plant, name)
     return model.plant.GetCollisionGeometriesForBody(body)
-
-
 
 
 def test_distances_of_segments_in_their_special_cases():
@@ -166,8 +142,6 @@ def test_distances_of_segments_in_their_special_cases():
     ends = [np.array([case[i] for case in cases], dtype=float) for i in range(4)]
     expected = np.array([case[4] for case in cases])
     np.testing.assert_allclose(segment_distances(*ends), expected, atol=1e-7)
-
-
 
 
 def test_judge_counts_states_limits_speeds_and_paths():
@@ -219,8 +193,6 @@ def posts_on_hand(model, judge, rest):
     raise AssertionError("no pose was found")
 
 
-
-
 @pytest.mark.parametrize("attack", ATTACKS)
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_attacks_start_clear_and_have_targets_of_the_right_size(robot, attack):
@@ -254,24 +226,6 @@ def test_attacks_start_clear_and_have_targets_of_the_right_size(robot, attack):
         np.testing.assert_array_equal(again.q, episode.q)
         other = make_episode(attack, model, subject.judge, parameters, 50, [seed + 9])
         assert not np.array_equal(other.tasks, episode.tasks, equal_nan=True)
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
-
 
 
 def test_judge_lets_joints_come_back_to_their_limits_and_go_no_farther():
@@ -374,12 +328,6 @@ def test_a_law_that_keeps_the_invariant_passes(attack, monkeypatch):
     assert any(held_back) or attack == "wild"  # the attack was one
 
 
-
-
-
-
-
-
 def test_a_case_gives_the_same_figures_alone_and_again():
     case = Case("jaw", "search", 0.02, steps=60)
     first, second = run_case(case), run_case(case)
@@ -388,17 +336,11 @@ def test_a_case_gives_the_same_figures_alone_and_again():
     assert first == second
 
 
-
-
 def run(tmp_path, *more):
     return command.main(
         ["--robots", "jaw", "--attacks", "several", "--periods", "0.02,0.01"]
         + ["--steps", "60", "--processes", "1", "--out", str(tmp_path), *more]
     )
-
-
-
-
 
 
 def test_command_writes_resumes_and_replays(tmp_path, monkeypatch, capsys):
@@ -439,16 +381,6 @@ def test_command_writes_resumes_and_replays(tmp_path, monkeypatch, capsys):
         assert f"at state {saved['step']}" in told
 
 
-
-
-
-
-
-
-
-
-
-
 def test_distances_of_a_convex_piece_are_those_of_a_box_and_of_the_law():
     corners = np.indices((2, 2, 2)).reshape(3, -1).T - 0.5
     half = np.array([0.2, 0.5, 0.8])
@@ -484,12 +416,6 @@ def test_boxes_and_convex_pieces_stay_clear_under_attack(robot):
         result = run_case(case)
         assert result.steps >= 200 and not result.error
         assert not result.below and not result.blocked and not result.penetrating
-
-
-
-
-
-
 
 
 # --- the filter of joint commands ---------------------------------------------------

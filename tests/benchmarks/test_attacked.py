@@ -1,6 +1,5 @@
 """The adversary's attacks written for the peers, and who judges them."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -77,9 +76,3 @@ def test_attacks_start_clear_and_at_rest(folder, witness) -> None:
         slope = (case["p"][2:] - case["p"][:-2]) / 2e-3
         scale = np.abs(case["v"]).max()
         assert np.abs(slope - case["v"][1:-1]).max() < 0.01 * scale, name
-
-
-
-
-
-

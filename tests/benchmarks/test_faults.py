@@ -7,21 +7,17 @@ import pytest
 
 from benchmarks import faults
 from benchmarks.faults import (
-    NO_FAULT,
     Fault,
     Moment,
     Outcome,
     Remedy,
     base_scenario,
-    find_moment,
-    hand_jacobian,
     make_faults,
     make_tables,
     run_fault,
     under,
 )
 from crar_drake.control.records import InputError
-from crar_drake.judging.referee import Referee
 from crar_drake.run import RunResult, run_scenario
 from crar_drake.simulation.disturbances import Disturbances
 
@@ -63,8 +59,6 @@ def test_fault_end_to_end(short):
     assert np.abs(run.log.q - short.log.q[:301]).max() > 1e-3
 
 
-
-
 def test_loop_that_diverges_is_a_violation(monkeypatch):
     def run(scenario, record):
         raise InputError("estimated_state has a NaN")
@@ -97,12 +91,6 @@ def test_every_fault_is_valid_and_breaks_something():
     offsets = [j.offset for j in jumps if j.duration]
     assert [np.linalg.norm(offset) for offset in offsets] == [1.0, 1.0]
     np.testing.assert_array_equal(*[offsets[0], -np.array(offsets[1])])
-
-
-
-
-
-
 
 
 def test_report_states_size_and_remedy():

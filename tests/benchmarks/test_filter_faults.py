@@ -6,7 +6,6 @@ import pytest
 from benchmarks.filter_faults import (
     PERIOD,
     FilterFault,
-    filter_faults,
     filter_table,
     make_filter,
     run_filter_fault,
@@ -59,5 +58,3 @@ def test_noise_beyond_the_error_stops_the_robot(filter):
     table = filter_table([noisy], E, 0.004)
     assert table.rows[0][4] == f"{noisy.braked} of 40"
     assert table.rows[0][3] == "kept" and "E = 0.02 rad" in table.title
-
-

@@ -6,11 +6,9 @@ from dataclasses import asdict
 import pytest
 
 from benchmarks.robots import __main__ as command
-from benchmarks.robots import verdicts
 from benchmarks.robots.catalogue import SUBJECTS, Subject, folder_name
 from benchmarks.robots.page import tables, told
 from benchmarks.robots.trial import RESULT, TOOL, WHOLE_BODY, Outcome, load_outcome
-from benchmarks.robots.verdicts import VERDICTS, Verdict
 
 DANCER = Outcome(
     imported=True,
@@ -65,10 +63,6 @@ def test_the_page():
     assert f"Not tried: {SUBJECTS[1].name}" in found
 
 
-
-
-
-
 def test_what_has_a_result_is_not_tried_again(tmp_path, monkeypatch, capsys):
     subject = Subject("Some robot", "no-such-package", "robot.urdf", "arm")
     known = SUBJECTS[0]
@@ -88,5 +82,3 @@ def test_unknown_names_are_refused(capsys):
     with pytest.raises(SystemExit):
         command.main(["--only", "Nobody"])
     assert "no robot 'Nobody'; there are: G1;" in capsys.readouterr().err
-
-

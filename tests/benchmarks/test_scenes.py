@@ -9,7 +9,6 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from benchmarks.peers.driver import Guard, NoAnswer, Problem, Spheres
 from benchmarks.peers.problem import BASE, describe, write_problem
-from benchmarks.peers.scenes import Harm, together
 from crar_drake import load_robot_description
 from crar_drake.control.obstacles import Obstacles
 from crar_drake.control.safety_filter import SafetyFilter
@@ -119,5 +118,3 @@ def test_the_filter_in_the_driver_is_the_filter(on_a_base, tmp_path):
         around = Obstacles(sphere, 0.05, 0.25, ("sphere 0",))
         q = filter(v=v, obstacles=around).q
         assert np.allclose(made["q"][k + 1], q, atol=1e-12)
-
-

@@ -75,9 +75,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not given:
         parser.print_help()
         return 0
-    if place := MOVED.get(given[0]):
-        what = f"{given[0]} is no command any more"
-        return tell_failure(UsageError(f"{what}: `{place}`, in a checkout"))
     return answer(parser, given)
 
 

@@ -53,14 +53,6 @@ def test_harm_is_what_the_referee_finds(folder, witness) -> None:
     assert (harm.violated, harm.no_answer, harm.episodes) == (1, 1, 1)
 
 
-def test_standing_still_does_no_harm(witness) -> None:
-    q = np.tile(witness.model.rest_positions(), (50, 1))
-    harm = witness.harm(recorded(q))
-    assert (harm.violated, harm.penetrating, harm.beyond_limit) == (0, 0, 0)
-    assert harm.clearance > 0.0
-    assert harm.excess == 0.0
-
-
 def test_attacks_start_clear_and_at_rest(folder, witness) -> None:
     """By the referee; and what swings has the velocities of its positions."""
     cases = attacked.write_attacks(folder, witness, attacked.ATTACKS, range(2))

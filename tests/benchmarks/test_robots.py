@@ -3,8 +3,6 @@
 import json
 from dataclasses import asdict
 
-import pytest
-
 from benchmarks.robots import __main__ as command
 from benchmarks.robots.catalogue import SUBJECTS, Subject, folder_name
 from benchmarks.robots.page import tables, told
@@ -76,9 +74,3 @@ def test_what_has_a_result_is_not_tried_again(tmp_path, monkeypatch, capsys):
     shown = capsys.readouterr().out
     assert "the package no-such-package is not installed" in shown
     assert cells(shown, known.name)[5].startswith("60 mm")
-
-
-def test_unknown_names_are_refused(capsys):
-    with pytest.raises(SystemExit):
-        command.main(["--only", "Nobody"])
-    assert "no robot 'Nobody'; there are: G1;" in capsys.readouterr().err

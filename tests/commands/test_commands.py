@@ -544,8 +544,6 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run obstacle_arm --frame-rate 60", "frame_rate: keyframes have times"),
         ("motion dance --frame-rate fast", "'fast' is not a positive number"),
         ("motion dance --frame-rate nan", "'nan' is not a positive number"),
-        ("sweep dance", "sweep is no command any more: `python -m benchmarks.sweep`"),
-        ("reproduce", "no command any more: `python -m benchmarks.section_iv`"),
         ("motion nowhere.amc", "nowhere.amc: there is no such motion file"),
         ("motion", "required: MOTION (see crar-drake motion --help)"),
         ("motion dance --polt x.png", "--polt; did you mean '--plot'?"),

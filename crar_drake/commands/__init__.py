@@ -28,17 +28,11 @@ from crar_drake.commands import (
     run,
     serve,
 )
-from crar_drake.commands.options import Parser, UsageError
+from crar_drake.commands.options import Parser
 from crar_drake.commands.output import tell_failure
 from crar_drake.drake_warnings import collected_warnings
 from crar_drake.errors import CrarError, nearest
 from crar_drake.version import __version__
-
-# What were commands, and measure the project: where they are in its checkout.
-MOVED = {
-    "sweep": "python -m benchmarks.sweep",
-    "reproduce": "python -m benchmarks.section_iv",
-}
 
 # In the order of the help.
 COMMANDS = (

@@ -8,7 +8,6 @@ import pytest
 from benchmarks.faults import (
     Fault,
     Moment,
-    Outcome,
     base_scenario,
     make_faults,
     run_fault,
@@ -19,7 +18,6 @@ from crar_drake.simulation.disturbances import Disturbances
 
 MOMENT = Moment(3.0, "right_hand", np.array([0.6, 0.0, -0.8]))
 HEAVY = Fault("masses +20 %", "exact model", Disturbances(mass_scale=1.2))
-FINE = Outcome("noise", "exact state", "", "dance wrists", 0, 100, 0.01, 0.0, 50.0, 9.0)
 
 
 @pytest.fixture(scope="module")

@@ -51,11 +51,10 @@ $(LOWEST)/.ready: pyproject.toml tests/lowest.txt
 	  -r tests/lowest.txt -e . "pytest>=8" "pytest-xdist>=3" "hypothesis>=6"
 	touch $@
 
-# Warnings are errors, broken links among them. Once installed it needs no network. The
-# first time the notebooks are executed; their outputs are kept in out/notebooks/.
-docs: $(DOCUMENTED)  ## the documentation as a site: out/site/index.html
-	$(BIN)/python -m sphinx -q -W -n --keep-going -j auto -c docs/site -d out/doctrees . out/site
-	@echo out/site/index.html
+# Warnings are errors. Once installed it needs no network.
+docs: $(DOCUMENTED)  ## the documentation as a site: out/site/docs/site/index.html
+	$(BIN)/python -m sphinx -q -W --keep-going -j auto -c docs/site -d out/doctrees . out/site
+	@echo out/site/docs/site/index.html
 
 lint: $(TESTED)
 	$(BIN)/ruff check .

@@ -15,12 +15,12 @@ import numpy as np
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from benchmarks.filter_faults import filter_table, run_filter_faults
-from benchmarks.page import Benchmark, Table, run
-from benchmarks.preview_option import (
+from benchmarks.options import (
     add_preview_option,
     defaults_or_preview,
     lookahead_defaults,
 )
+from benchmarks.page import Benchmark, Table, run
 from crar_drake.commands.options import positive
 from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.records import InputError

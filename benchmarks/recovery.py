@@ -10,12 +10,12 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
-from benchmarks.page import Benchmark, Table, run
-from benchmarks.preview_option import (
+from benchmarks.options import (
     add_preview_option,
     defaults_or_preview,
     lookahead_defaults,
 )
+from benchmarks.page import Benchmark, Table, run
 from crar_drake.errors import CrarError, nearest
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import controlled_joints

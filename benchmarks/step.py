@@ -1,345 +1,133 @@
-"""How long a control step takes, and of what; compiled where Numba is installed.
+"""How long a control step takes; compiled where Numba is installed.
 
     python -m benchmarks.step [--quick] [--page docs/measurements/speed.md]
 
-`docs/measurements/speed.md` says what is measured and what is to be reached. Everything
-is timed in one process and one thread, by turns, so that figures of one run can be
-compared.
+Everything is timed in one process and one thread, by turns, so that figures of one run
+can be compared.
 """
 
 import argparse
-import json
 import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Sequence
 from pathlib import Path
-from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
-from benchmarks.page import Benchmark, describe_machine
+from benchmarks.options import add_preview_option, defaults_or_preview
+from benchmarks.page import Benchmark, Table
 from benchmarks.page import run as run_command
-from benchmarks.plain import as_it_is, plain
-from benchmarks.preview_option import add_preview_option, defaults_or_preview
 from benchmarks.step_compiling import measure_compiling
-from benchmarks.step_report import draw_bench, tables
 from benchmarks.step_robots import PERIOD, make_robot, make_samples
-from benchmarks.step_subjects import (
-    OVERHEAD,
-    PARTS,
-    Bound,
-    Samples,
-    Step,
-    StepInParts,
-    samples_of_run,
-    samples_with_poses,
-)
-from benchmarks.step_timing import (
-    BY_TURNS,
-    IN_A_ROW,
-    Subject,
-    Timing,
-    median,
-    time_side_by_side,
-)
+from benchmarks.step_timing import Step, fit_growth, samples_of_run, time_side_by_side
 from benchmarks.sweep.command import list_of, one_of
-from crar_drake import __version__
-from crar_drake.commands.options import positive
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.compilation import IS_COMPILED, arithmetic
-from crar_drake.figures import save_figure
-from crar_drake.files import check_folder, write_whole
 from crar_drake.results import RECORDING
 from crar_drake.results.playback import record_log
-from crar_drake.robot.model import ControlModel
-from crar_drake.robot.task import EXPERIMENTS, Task
 from crar_drake.run import make_log, run_scenario
-from crar_drake.simulation.diagram import Setup
+from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario
 from crar_drake.simulation.scenario import Scenario
 
 MODES = ("paper", "lookahead")
-MEASUREMENTS = ("step", "simulation", "scaling", "compiling")
-
-# Whose control steps are measured; the first two are the paper's task sets.
-HANDS = "hands' poses"  # of which states and ways are those of the wrists
+MEASUREMENTS = ("step", "simulation", "growth", "compiling")
+MOTION = "dance"
+REPEATS = 3  # of a simulation
 LIMITED = "upper-body, effort limits"
-CASES = (*EXPERIMENTS, HANDS, LIMITED)
+CASES = ("wrists", "upper-body", LIMITED)
 
 # What grows: joints, tasks, near pairs and far pairs of each robot.
-SCALING = {
+GROWING = {
     "pairs": [(14, 2, pairs, 0) for pairs in (5, 10, 20, 50, 100, 200)],
     "far pairs": [(14, 2, 10, far) for far in (0, 10, 40, 90, 190)],
     "joints": [(joints, 2, 30, 0) for joints in (7, 14, 21, 30, 45, 60)],
     "tasks": [(30, tasks, 30, 0) for tasks in (1, 2, 5, 10, 20)],
 }
-_GROWING = {"joints": 0, "tasks": 1, "pairs": 2, "far pairs": 3}
-
-# To be reached; ratios, so that they hold on any machine.
-STEP_OVER_BOUND = {"paper": 1.45, "lookahead": 1.45}
-P99_OVER_MEDIAN = 2.0
-REAL_TIME_FACTOR = 3.0
-PAIRS_EXPONENT = 1.0
-FAR_PAIRS_GROWTH = 1.25  # the step with 190 far pairs over that without
-FIRST_COMPILE = 45.0  # [s] of one core: the one that depends on the machine
+_COLUMN = {"joints": 0, "tasks": 1, "pairs": 2, "far pairs": 3}
 
 
-@dataclass(frozen=True)
-class BenchSettings:
-    """What is measured, and for how long.
-
-    Attributes:
-        motion: the control steps are those along this motion.
-        duration: of it that is simulated [s]; at most the motion's.
-        repeats: how often each simulation is timed.
-        scaling_steps: control steps per robot that is made up.
-        measurements: which of MEASUREMENTS.
-        cases: of CASES; whole simulations are those of the task sets among them.
-        preview: of the lookahead [s]; None for its own, 0 for none.
-    """
-
-    motion: str = "dance"
-    duration: float = 3.0  # [s]
-    repeats: int = 3
-    scaling_steps: int = 200
-    measurements: tuple[str, ...] = MEASUREMENTS
-    cases: tuple[str, ...] = CASES
-    scaling: dict[str, list[tuple[int, int, int, int]]] = field(
-        default_factory=lambda: dict(SCALING)
-    )
-    preview: float | None = None
-
-
-def run_bench(
-    settings: BenchSettings, tell: Callable[[str], None] = lambda text: None
-) -> dict:
-    """Measures, and returns what `bench.json` holds; durations are in seconds.
-
-    NumPy's library must not use threads of its own: set OMP_NUM_THREADS=1 before
-    NumPy is imported, as the command does for itself.
-
-    Returns:
-        "version", "machine", "settings"; "arithmetic", as the control law is; lists
-        "step", "simulation" and "scaling" with an entry per case; "compiling", see
-        `measure_compiling`, or None; "targets", see `find_targets`.
-
-    Raises:
-        CrarError: the motion cannot be found, read or scaled.
-    """
-    result = {
-        "version": __version__,
-        "machine": describe_machine(),
-        "settings": asdict(settings),
-        "arithmetic": arithmetic(),
-        "step": [],
-        "simulation": [],
-        "scaling": [],
-        "compiling": None,
-    }
-    measurements = settings.measurements
-    if "compiling" in measurements and IS_COMPILED:
-        tell("compiling")
-        result["compiling"] = measure_compiling()
-    if "step" in measurements:
-        for case in settings.cases:
-            tell(f"one control step, {case}")
-            result["step"] += measure_step(settings, case)
-    if "simulation" in measurements:
-        for experiment in filter(EXPERIMENTS.get, settings.cases):
-            tell(f"whole simulation, {experiment}")
-            result["simulation"] += measure_simulation(settings, experiment)
-    if "scaling" in measurements:
-        for quantity, robots in settings.scaling.items():
-            tell(f"growth with the {quantity}")
-            result["scaling"] += measure_scaling(
-                quantity, robots, settings.scaling_steps
-            )
-    result["targets"] = find_targets(result)
-    return result
-
-
-# --- one control step -------------------------------------------------------------
-
-
-def measure_step(settings: BenchSettings, case: str) -> list[dict]:
-    """Control steps of both modes, their bounds and their parts, along the motion."""
-    runs = {mode: _steps_of(settings, case, mode) for mode in MODES}
-    num_steps = min(len(samples) for _, _, samples in runs.values())
-
-    steps = {mode: Step(*run) for mode, run in runs.items()}
-    bounds = {mode: Bound(*run) for mode, run in runs.items()}
-    in_parts = {mode: StepInParts(*run) for mode, run in runs.items()}
-    subjects: dict[tuple[str, str], Subject] = {}
-    for mode, run in runs.items():
-        subjects |= {
-            ("step", mode): steps[mode],
-            ("bound", mode): bounds[mode],
-            ("parts", mode): in_parts[mode],
-        }
-        if IS_COMPILED:
-            subjects["plain step", mode] = _plain_step(*run)
-        _warm_up(subjects, mode)
-    in_a_row = time_side_by_side(subjects, num_steps, IN_A_ROW)
-    compared = {key: s for key, s in subjects.items() if key[0] in _COMPARED}
-    for subject in compared.values():
-        subject.restart()
-    by_turns = time_side_by_side(compared, num_steps, BY_TURNS)
-    entries = []
-    for mode, (model, _, _) in runs.items():
-        kept = in_a_row["parts", mode].kept
-        parts = {p: median(in_parts[mode].own[p][:num_steps][kept]) for p in PARTS}
-        whole = _figures(in_a_row, mode)
-        parts[OVERHEAD] = whole["step"]["median"] - sum(parts.values())
-        entries.append(
-            {
-                "case": case,
-                "constraints": mode,
-                "joints": model.n,
-                "task_rows": model.m,
-                "pairs": len(model.pairs),
-                "links": bounds[mode].num_links,
-                "steps": num_steps,
-                "in_a_row": whole,
-                "by_turns": _figures(by_turns, mode),
-                "parts": parts,
-            }
-        )
-    return entries
-
-
-# What is timed by turns, too.
-_COMPARED = ("step", "plain step", "bound")
-
-
-def _figures(timings: dict[tuple[str, str], Timing], mode: str) -> dict:
-    """Figures of each subject of _COMPARED, the plain step's None without Numba, and
-    the ratios of the step's to the bound's."""
-    found: dict = {
-        name: timings[name, mode].figures() if (name, mode) in timings else None
-        for name in _COMPARED
-    }
-    step, bound = found["step"], found["bound"]
-    found["ratio"] = step["median"] / bound["median"]
-    found["cpu_ratio"] = step["cpu_median"] / bound["cpu_median"]
-    return found
-
-
-def _steps_of(
-    settings: BenchSettings, case: str, mode: str
-) -> tuple[ControlModel, CrarParameters, Samples]:
-    """Model, parameters and samples of a case of CASES."""
-    experiment = {HANDS: "wrists", LIMITED: "upper-body"}.get(case, case)
-    scenario = _scenario(settings, experiment, mode)
-    scenario.controller.respect_effort_limits = case == LIMITED
-    run = run_scenario(scenario, record=False)
-    model, samples = run.setup.model, samples_of_run(run)
-    if case == HANDS:
-        wrists = model.description.task_frames
-        tasks = [
-            Task(frame=wrists[name], kind="pose", orientation_weight=0.2)
-            for name in EXPERIMENTS["wrists"]
-        ]
-        time_step = scenario.plant_config.time_step
-        model = ControlModel.FromDescription(
-            model.description, tasks, time_step=time_step
-        )
-        samples = samples_with_poses(samples, model, scenario.controller)
-    return model, scenario.controller, samples
-
-
-def _plain_step(
-    model: ControlModel, parameters: CrarParameters, samples: Samples
-) -> Step:
-    """The same step without Numba."""
-    package = plain()
-    other = package.ControlModel.FromDescription(
-        package.load_robot_description(model.description.name),
-        [package.Task(**vars(task)) for task in model.tasks],
-        time_step=model.plant.time_step(),
-    )
-    values = {f.name: getattr(parameters, f.name) for f in fields(parameters)}
-    return Step(other, package.CrarParameters(**values), samples, package)
-
-
-def _warm_up(subjects: dict[tuple[str, str], Subject], mode: str) -> None:
-    """Everything once, so that nothing compiles while it is timed."""
-    for (_, its_mode), subject in subjects.items():
-        if its_mode == mode:
-            subject.begin()
-            subject.prepare(0)
-            subject()
-            subject.end()
-            subject.restart()
-
-
-# --- the whole simulation ---------------------------------------------------------
-
-
-def measure_simulation(settings: BenchSettings, experiment: str) -> list[dict]:
-    """Real-time factors of the scenario, with and without recording and Numba, by
-    turns."""
-    packages = {"as it is": as_it_is()}
-    if IS_COMPILED:
-        packages["plain"] = plain()
-    prepared = {}
-    for mode in MODES:
-        for name, package in packages.items():
-            scenario = _scenario(settings, experiment, mode, package)
-            setup = package.PrepareScenario(scenario)
-            scenario.duration = min(settings.duration, setup.motion.duration)
-            prepared[mode, name] = (scenario, setup, package)
-    timings: dict[tuple[str, str, bool], list[SimulationTime]] = {}
-    for _ in range(settings.repeats):
-        for (mode, name), simulated in prepared.items():
-            for recording in (False, True):
-                timing = time_simulation(*simulated, recording)
-                timings.setdefault((mode, name, recording), []).append(timing)
-    entries = []
-    for (mode, name, recording), repeats in timings.items():
-        duration = prepared[mode, name][0].duration
-        wall, cpu, page = (
-            median(np.array(times)) for times in zip(*repeats, strict=True)
-        )
-        entries.append(
-            {
-                "case": experiment,
-                "constraints": mode,
-                "plain": name == "plain",
-                "recording": recording,
-                "duration": duration,
-                "wall": [timing.wall for timing in repeats],
-                "real_time_factor": duration / wall,
-                "cpu_factor": duration / cpu,
-                "writing_the_page": page,
-            }
-        )
-    return entries
-
-
-class SimulationTime(NamedTuple):
-    """Wall time of a simulation, processor time of all threads, and the wall time of
-    writing the page after it [s]."""
-
-    wall: float
-    cpu: float
-    page: float
-
-
-def time_simulation(
-    scenario: Scenario, setup: Setup, package: SimpleNamespace, recording: bool
-) -> SimulationTime:
-    """Times a simulation from its start to its end; building it does not count.
+def measure_steps(
+    duration: float, preview: float | None = None, cases: Sequence[str] = CASES
+) -> Table:
+    """Control steps of both modes, side by side, along the motion.
 
     Args:
-        scenario, setup: of the package.
-        package: of `benchmarks.plain`.
-        recording: whether its page is made afterwards.
+        duration: of the motion [s].
+        preview: of the lookahead [s]; None for its own, 0 for none.
+        cases: of CASES.
     """
-    diagram = package.MakeCrarDiagram(scenario, setup=setup)
+    steps = {}
+    for case in cases:
+        for mode in MODES:
+            scenario = scenario_of(case, mode, duration, preview)
+            run = run_scenario(scenario, record=False)
+            name = f"{case}, {mode}"
+            model, parameters = run.setup.model, scenario.controller
+            steps[name] = Step(model, parameters, samples_of_run(run))
+    rows = [
+        [name, _us(np.median(times)), _us(np.percentile(times, 99))]
+        for name, times in time_side_by_side(steps).items()
+    ]
+    columns = ("tasks, constraints", "step", "p99")
+    return Table(columns, rows, "One control step, in a row [µs]")
+
+
+def scenario_of(
+    case: str, mode: str, duration: float, preview: float | None = None
+) -> Scenario:
+    """The scenario of a case of CASES; see `measure_steps`."""
+    controller = CrarParameters(constraints=mode)
+    controller.lookahead.preview = preview
+    controller.respect_effort_limits = case == LIMITED
+    return Scenario(
+        motion=MOTION,
+        experiment="upper-body" if case == LIMITED else case,
+        controller=controller,
+        duration=duration,
+    )
+
+
+def measure_simulations(
+    duration: float, preview: float | None = None, repeats: int = REPEATS
+) -> Table:
+    """Real-time factors of whole simulations, with and without recording, by turns;
+    see `measure_steps`."""
+    timings: dict[tuple[str, bool], list[tuple[float, ...]]] = {}
+    for _ in range(repeats):
+        for mode in MODES:
+            scenario = scenario_of("wrists", mode, duration, preview)
+            for recording in (False, True):
+                timing = time_simulation(scenario, recording)
+                timings.setdefault((mode, recording), []).append(timing)
+    rows = []
+    for (mode, recording), repeated in timings.items():
+        wall, cpu, page = np.median(repeated, axis=0)
+        rows.append(
+            [
+                f"wrists, {mode}",
+                "yes" if recording else "no",
+                f"{duration / wall:.2f}",
+                f"{duration / cpu:.2f}",
+                f"{page:.2f} s" if recording else "–",
+            ]
+        )
+    columns = ("tasks, constraints", "recording", "real-time factor")
+    more = ("by processor time", "writing the page afterwards")
+    return Table((*columns, *more), rows, "Whole simulation, 1 kHz")
+
+
+def time_simulation(scenario: Scenario, recording: bool) -> tuple[float, float, float]:
+    """Times a simulation from its start to its end; building it does not count.
+
+    Returns:
+        Its wall time, processor time of all threads, and the wall time of writing the
+        page after it [s].
+    """
+    setup = PrepareScenario(scenario)
+    diagram = MakeCrarDiagram(scenario, setup=setup)
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
     simulator.Initialize()
@@ -350,161 +138,57 @@ def time_simulation(
         log = make_log(scenario, setup, diagram, simulator.get_context())
         with tempfile.TemporaryDirectory() as folder:
             record_log(log, Path(folder) / RECORDING, scenario=scenario)
-    return SimulationTime(end - start, cpu_end - cpu_start, time.perf_counter() - end)
+    return end - start, cpu_end - cpu_start, time.perf_counter() - end
 
 
-# --- growth -----------------------------------------------------------------------
-
-
-def measure_scaling(
-    quantity: str, robots: Sequence[tuple[int, int, int, int]], num_steps: int
-) -> list[dict]:
+def measure_growth(
+    num_steps: int, growing: dict[str, list[tuple[int, int, int, int]]] = GROWING
+) -> Table:
     """Median control step of robots of growing size, see `step_robots`.
 
     Args:
-        quantity: which grows, a key of SCALING.
-        robots: joints, tasks, near pairs and far pairs of each.
-        num_steps: control steps of each robot and mode.
+        num_steps: of each robot and mode.
+        growing: what grows, to joints, tasks, near and far pairs of each robot.
     """
-    subjects: dict[tuple[str, int], Subject] = {}
-    for i, robot in enumerate(robots):
-        model = make_robot(*robot)
+    rows = []
+    for quantity, robots in growing.items():
+        sizes = [robot[_COLUMN[quantity]] for robot in robots]
+        steps = {}
+        for size, robot in zip(sizes, robots, strict=True):
+            model = make_robot(*robot)
+            for mode in MODES:
+                parameters = CrarParameters(
+                    constraints=mode, period=PERIOD, blend_time=0.0
+                )
+                samples = make_samples(model, parameters, num_steps)
+                steps[mode, size] = Step(model, parameters, samples)
+        times = time_side_by_side(steps)
         for mode in MODES:
-            parameters = CrarParameters(constraints=mode, period=PERIOD, blend_time=0.0)
-            samples = make_samples(model, parameters, num_steps)
-            subjects[mode, i] = Step(model, parameters, samples)
-            _warm_up({(mode, mode): subjects[mode, i]}, mode)
-    timings = time_side_by_side(subjects, num_steps)
-    sizes = [robot[_GROWING[quantity]] for robot in robots]
-    entries = []
-    for mode in MODES:
-        figures = [timings[mode, i].figures() for i in range(len(robots))]
-        medians = [f["median"] for f in figures]
-        entries.append(
-            {
-                "quantity": quantity,
-                "constraints": mode,
-                "robots": list(robots),
-                "sizes": sizes,
-                "median": medians,
-                "p99": [f["p99"] for f in figures],
-                "cpu_median": [f["cpu_median"] for f in figures],
-                **fit_growth(sizes, medians),
-            }
-        )
-    return entries
-
-
-def fit_growth(sizes: Sequence[float], times: Sequence[float]) -> dict[str, float]:
-    """How times grow with sizes.
-
-    Returns:
-        "exponent": k of the best time = c size^k; "last_exponent": k between the
-        two largest sizes alone; "per_unit": slope of the best straight line [s];
-        "last_over_first": ratio of the times at the largest and smallest size.
-        Exponents are of the sizes that are not 0.
-    """
-    x, y = np.array(sizes, dtype=float), np.array(times, dtype=float)
-    log_x, log_y = np.log(x[x > 0.0]), np.log(y[x > 0.0])
-    return {
-        "exponent": float(np.polyfit(log_x, log_y, 1)[0]),
-        "last_exponent": float((log_y[-1] - log_y[-2]) / (log_x[-1] - log_x[-2])),
-        "per_unit": float(np.polyfit(x, y, 1)[0]),
-        "last_over_first": float(y[-1] / y[0]),
-    }
-
-
-# --- targets ----------------------------------------------------------------------
-
-
-def find_targets(result: dict) -> list[dict]:
-    """What is to be reached, of what was measured; the worst of all cases counts.
-
-    Returns:
-        Per target "target" (text), "value", "limit", "at_least" (else at most) and
-        "reached".
-    """
-    found = []
-
-    def add(text: str, values: list[float], limit: float, at_least=False) -> None:
-        if values:
-            value = min(values) if at_least else max(values)
-            reached = value >= limit if at_least else value <= limit
-            found.append(
-                {
-                    "target": text,
-                    "value": value,
-                    "limit": limit,
-                    "at_least": at_least,
-                    "reached": bool(reached),
-                }
+            medians = [float(np.median(times[mode, size])) for size in sizes]
+            growth = fit_growth(sizes, medians)
+            rows.append(
+                [
+                    quantity,
+                    mode,
+                    ", ".join(map(str, sizes)),
+                    ", ".join(map(_us, medians)),
+                    f"{growth['exponent']:.2f}, {growth['last_exponent']:.2f}",
+                    f"{1e6 * growth['per_unit']:.2f}",
+                    f"{growth['last_over_first']:.2f}",
+                ]
             )
-
-    steps, scaling = result["step"], result["scaling"]
-    for mode, limit in STEP_OVER_BOUND.items():
-        for order, words in (("in_a_row", "in a row"), ("by_turns", "by turns")):
-            ratios = [e[order]["cpu_ratio"] for e in steps if e["constraints"] == mode]
-            add(f"{mode}: step over bound, {words}, processor time", ratios, limit)
-    for clock, words in (("", "wall clock"), ("cpu_", "processor time")):
-        each = [e["in_a_row"]["step"] for e in steps]
-        ratios = [step[f"{clock}p99"] / step[f"{clock}median"] for step in each]
-        add(f"step: 99th percentile over median, {words}", ratios, P99_OVER_MEDIAN)
-    recorded = [e for e in result["simulation"] if e["recording"] and not e["plain"]]
-    for factor, words in (
-        ("real_time_factor", "wall clock"),
-        ("cpu_factor", "processor time"),
-    ):
-        text = f"simulation: real-time factor with recording, {words}"
-        add(text, [e[factor] for e in recorded], REAL_TIME_FACTOR, at_least=True)
-    if result["compiling"]:
-        first = result["compiling"]["first"]["cpu"]
-        add("first compile, processor time [s]", [first], FIRST_COMPILE)
-    exponents = [
-        max(e["exponent"], e["last_exponent"])
-        for e in scaling
-        if e["quantity"] == "pairs"
-    ]
-    add("growth with the pairs: largest exponent", exponents, PAIRS_EXPONENT)
-    growths = [
-        e["last_over_first"]
-        for e in scaling
-        if e["quantity"] == "far pairs" and e["constraints"] == "lookahead"
-    ]
-    text = "lookahead: growth by 190 pairs beyond the influence distance"
-    add(text, growths, FAR_PAIRS_GROWTH)
-    return found
+    columns = ("growing", "constraints", "sizes", "step, median [µs]")
+    more = ("exponent, of the last two", "per unit [µs]", "last over first")
+    return Table((*columns, *more), rows, "Growth of the control step")
 
 
-# --- the circumstances ------------------------------------------------------------
-
-
-def _scenario(
-    settings: BenchSettings,
-    experiment: str,
-    mode: str,
-    package: SimpleNamespace | None = None,
-) -> Scenario:
-    package = package or as_it_is()
-    controller = package.CrarParameters(constraints=mode)
-    controller.lookahead.preview = settings.preview
-    return package.Scenario(
-        motion=settings.motion,
-        experiment=experiment,
-        controller=controller,
-        duration=settings.duration,
-    )
-
-
-# --- the command ------------------------------------------------------------------
+def _us(seconds: float) -> str:
+    return f"{1e6 * seconds:.0f}"
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.step", __doc__, "speed")
     parser = benchmark.parser
-    parser.add_argument("--motion", default="dance", help="(default: %(default)s)")
-    parser.add_argument(
-        "--duration", type=positive, metavar="S", help="of it [s] (default: 3)"
-    )
     parser.add_argument(
         "--only",
         type=list_of(one_of(MEASUREMENTS)),
@@ -514,35 +198,26 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     add_preview_option(parser)
     parser.add_argument("--quick", action="store_true", help="few samples")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/bench"),
-        metavar="DIR",
-        help="for bench.json and bench.png (default: %(default)s)",
-    )
     arguments = benchmark.parse(argv, _part)
-    check_folder(arguments.out)
-    settings = BenchSettings(
-        motion=arguments.motion,
-        duration=arguments.duration or (1.0 if arguments.quick else 3.0),
-        measurements=tuple(dict.fromkeys(arguments.only or MEASUREMENTS)),
-        preview=arguments.preview,
-    )
-    if arguments.quick:
-        settings = replace(settings, repeats=1, scaling_steps=20)
-    result = run_bench(
-        settings, lambda text: print(f"measuring: {text}", file=sys.stderr)
-    )
-    data, plot = arguments.out / "bench.json", arguments.out / "bench.png"
-    write_whole(data, json.dumps(result, indent=2) + "\n")
-    save_figure(draw_bench(result), plot, dpi=150)
-    benchmark.report(
-        tables(result),
-        f"Motion {settings.motion}, {settings.duration:g} s. "
-        f"The step is {result['arithmetic']}.",
-    )
-    print(data, plot, sep="\n")
+    measured = arguments.only or MEASUREMENTS
+    preview, quick = arguments.preview, arguments.quick
+    duration = 1.0 if quick else 3.0
+    tables = []
+    for name, wanted, measure in (
+        ("steps", "step", lambda: measure_steps(duration, preview)),
+        ("compiling", "compiling", measure_compiling),
+        (
+            "whole simulations",
+            "simulation",
+            lambda: measure_simulations(duration, preview, 1 if quick else REPEATS),
+        ),
+        ("growth", "growth", lambda: measure_growth(20 if quick else 200)),
+    ):
+        if wanted in measured and (IS_COMPILED or wanted != "compiling"):
+            print(f"measuring: {name}", file=sys.stderr)
+            tables.append(measure())
+    about = f"Motion {MOTION}, {duration:g} s. The step is {arithmetic()}."
+    benchmark.report(tables, about)
 
 
 def _part(arguments: argparse.Namespace) -> str:

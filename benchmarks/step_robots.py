@@ -11,7 +11,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from benchmarks.step_subjects import Samples
+from benchmarks.step_timing import Samples
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot.description import RobotDescription
@@ -94,7 +94,7 @@ def make_samples(
             -radius * rate**2 * np.stack([c, s, zero], axis=1).ravel(),
         )
         vdot = law.step(q, v, tasks).acceleration
-        rows.append((q, v, tasks, np.zeros(0), vdot))
+        rows.append((q, v, tasks, np.zeros(0)))
         q = q + period * v + 0.5 * period**2 * vdot
         v = v + period * vdot
     return Samples(*(np.array(column) for column in zip(*rows, strict=True)))

@@ -1,177 +1,146 @@
-"""Timing of short calls, side by side, and of the parts that they consist of."""
+"""Control steps to be timed, side by side, and how times grow."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import InputPort
 
-IN_A_ROW = 50  # so many samples of one subject, before the next subject's turn
-BY_TURNS = 1
+from crar_drake.control.controller import CrarController
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.robot.model import ControlModel
+from crar_drake.run import RunResult
 
-
-class Subject:
-    """Something that is timed once per sample."""
-
-    def restart(self) -> None:
-        """Called before sample 0, if there were samples already."""
-
-    def begin(self) -> None:
-        """Called before a block of samples."""
-
-    def end(self) -> None:
-        """Called after a block of samples."""
-
-    def prepare(self, k: int) -> None:
-        """Gets everything ready for sample k; not timed."""
-
-    def __call__(self) -> None:
-        """What is timed."""
-        raise NotImplementedError
+IN_A_ROW = 50  # so many steps of one kind, before those of the next
 
 
 @dataclass(frozen=True)
-class Timing:
-    """Durations of the samples of one subject.
+class Samples:
+    """What the controller is given in K consecutive steps.
 
     Attributes:
-        wall: (K,) by the clock on the wall [s].
-        cpu: (K,) of the thread on its processor [s]: as long, unless other programs
-            took the processor away.
-        kept: (K,) whether the sample counts: of a row the first does not, for the
-            processor's caches are full of another subject's data.
+        q, v: (K, nq), (K, nv) states.
+        tasks: (K, layout.size) desired tasks.
+        prescribed: (K, 3 n_p) desired motion of the prescribed joints.
     """
 
-    wall: np.ndarray
-    cpu: np.ndarray
-    kept: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    tasks: np.ndarray
+    prescribed: np.ndarray
 
-    def figures(self) -> dict[str, float]:
-        """Medians and 99th percentiles [s]."""
-        return {
-            "median": median(self.wall[self.kept]),
-            "p99": float(np.percentile(self.wall[self.kept], 99)),
-            "cpu_median": median(self.cpu[self.kept]),
-            "cpu_p99": float(np.percentile(self.cpu[self.kept], 99)),
-        }
+    def __len__(self) -> int:
+        return len(self.q)
 
 
-def median(values: np.ndarray) -> float:
-    """The median as a plain number."""
-    return float(np.median(values))
+def samples_of_run(run: RunResult) -> Samples:
+    """The control steps of a run whose log has a sample in each of them."""
+    log, motion = run.log, run.setup.motion
+    prescribed = np.zeros((len(log.time), 0))
+    if motion.MakePrescribedSource is not None:
+        source = motion.MakePrescribedSource()
+        context = source.CreateDefaultContext()
+        rows = []
+        for moment in log.time:
+            context.SetTime(moment)
+            rows.append(source.get_output_port().Eval(context))
+        prescribed = np.array(rows)
+    return Samples(log.q, log.v, log.desired_tasks, prescribed)
 
 
-def time_side_by_side(
-    subjects: Mapping[str, Subject], num_samples: int, block: int = IN_A_ROW
-) -> dict[str, Timing]:
-    """Times every subject on samples 0, 1, ..., a block of one and then of the next.
+class Step:
+    """A control step as a simulator does it: the torque, then the controller's update.
 
-    So a machine that is slower for a while is slower for all of them. IN_A_ROW each
-    subject finds its own code and data in the processor's caches; BY_TURNS it finds
-    what the others left there, as between the other parts of a simulation.
-    """
-    wall = {name: np.empty(num_samples) for name in subjects}
-    cpu = {name: np.empty(num_samples) for name in subjects}
-    clock, thread_clock = time.perf_counter, time.thread_time
-    for start in range(0, num_samples, block):
-        for name, subject in subjects.items():
-            subject.begin()
-            for k in range(start, min(start + block, num_samples)):
-                subject.prepare(k)
-                cpu_start, wall_start = thread_clock(), clock()
-                subject()
-                wall_end, cpu_end = clock(), thread_clock()
-                wall[name][k] = wall_end - wall_start
-                cpu[name][k] = cpu_end - cpu_start
-            subject.end()
-    kept = np.ones(num_samples, dtype=bool)
-    if 1 < block and 1 < num_samples:
-        kept[::block] = False
-    return {name: Timing(wall[name], cpu[name], kept) for name in subjects}
+    The controller alone, with the samples' states and targets at its input ports.
+    The plant and the loggers, which a simulation has besides, are not there.
 
-
-class Stopwatch:
-    """How long functions take without the timed functions that they call.
-
-    What the watch itself takes is measured once and taken off.
+    Attributes:
+        torque: (n_a,) of the step taken last [Nm].
     """
 
-    def __init__(self) -> None:
-        self._inside = self._outside = 0.0
-        self._calibrate()
-        self.reset()
+    def __init__(
+        self, model: ControlModel, parameters: CrarParameters, samples: Samples
+    ) -> None:
+        self.controller = CrarController(model, parameters)
+        self._samples = samples
+        self._period = parameters.period
+        self.restart()
 
-    def reset(self) -> None:
-        """Forgets what was measured."""
-        self.own: dict[str, float] = {}  # name to its time [s]
-        self.calls: dict[str, int] = {}  # name to its number of calls
-        self._of_children = [0.0]
+    def __len__(self) -> int:
+        return len(self._samples)
 
-    def timed(self, name: str, function: Callable) -> Callable:
-        """The function, timed under a name."""
+    def restart(self) -> None:
+        """Before the first step again."""
+        context = self.controller.CreateDefaultContext()
+        self._simulator = Simulator(self.controller, context)
+        self._context = self._simulator.get_mutable_context()
+        controller, samples = self.controller, self._samples
+        state = np.hstack([samples.q, samples.v])
+        self._inputs = [
+            (self._fix(port), values)
+            for port, values in (
+                (controller.get_input_port_estimated_state(), state),
+                (controller.get_input_port_desired_tasks(), samples.tasks),
+                (controller.get_input_port_desired_prescribed(), samples.prescribed),
+            )
+            if port is not None
+        ]
+        self._actuation = controller.get_output_port_actuation()
+        self._next = 0
+        self.torque = np.zeros(0)
 
-        def call(*args, **options):
-            of_children = self._of_children
-            of_children.append(0.0)
-            start = time.perf_counter()
-            try:
-                return function(*args, **options)
-            finally:
-                elapsed = time.perf_counter() - start
-                own = elapsed - of_children.pop() - self._inside
-                self.own[name] = self.own.get(name, 0.0) + own
-                self.calls[name] = self.calls.get(name, 0) + 1
-                of_children[-1] += elapsed + self._outside
+    def take(self) -> float:
+        """Takes the next step; returns the processor's time for it [s]."""
+        k, self._next = self._next, self._next + 1
+        if k:
+            self._simulator.AdvanceTo(k * self._period)
+        for fixed, values in self._inputs:
+            fixed.GetMutableData().get_mutable_value().SetFromVector(values[k])
+        if not k:  # updates at the start wait for the first advance
+            self._simulator.Initialize()
+        start = time.thread_time()
+        self.torque = self._actuation.Eval(self._context)
+        self._simulator.AdvancePendingEvents()
+        return time.thread_time() - start
 
-        return call
-
-    def _calibrate(self, calls: int = 4000) -> None:
-        """What a timed call costs within the time that is taken, and around it."""
-
-        def nothing() -> None:
-            pass
-
-        def duration(function: Callable) -> float:
-            rounds = []
-            for _ in range(5):
-                start = time.perf_counter()
-                for _ in range(calls):
-                    function()
-                rounds.append(time.perf_counter() - start)
-            return min(rounds) / calls
-
-        self.reset()
-        plain = duration(nothing)
-        inside = np.inf
-        for _ in range(5):
-            self.reset()
-            watched = self.timed("nothing", nothing)
-            for _ in range(calls):
-                watched()
-            inside = min(inside, self.own["nothing"] / calls - plain)
-        self._inside = float(inside)
-        self._outside = max(duration(watched) - plain - self._inside, 0.0)
+    def _fix(self, port: InputPort):
+        return port.FixValue(self._context, np.zeros(port.size()))
 
 
-@contextmanager
-def replaced(places: list[tuple[Any, str, Callable]]) -> Iterator[None]:
-    """Puts functions in the place of attributes, for a while.
+def time_side_by_side(steps: Mapping[str, Step]) -> dict[str, np.ndarray]:
+    """Processor times of every step [s], a block of one kind and then of the next.
 
-    Args:
-        places: per function its owner (an object or a module), the attribute's name
-            and what makes the replacement out of the present value.
+    So a machine that is slower for a while is slower for all of them. The first of a
+    block does not count: the processor's caches are full of another kind's data. All
+    were taken once before, so that nothing compiles meanwhile.
     """
-    before = []
-    for owner, name, make in places:
-        before.append((owner, name, vars(owner).get(name), name in vars(owner)))
-        setattr(owner, name, make(getattr(owner, name)))
-    try:
-        yield
-    finally:
-        for owner, name, value, was_there in reversed(before):
-            if was_there:
-                setattr(owner, name, value)
-            else:
-                delattr(owner, name)
+    for step in steps.values():
+        step.take()
+        step.restart()
+    times: dict[str, list[float]] = {name: [] for name in steps}
+    for start in range(0, max(map(len, steps.values())), IN_A_ROW):
+        for name, step in steps.items():
+            block = [step.take() for _ in range(min(IN_A_ROW, len(step) - start))]
+            times[name] += block[1:]
+    return {name: np.array(each) for name, each in times.items()}
+
+
+def fit_growth(sizes: Sequence[float], times: Sequence[float]) -> dict[str, float]:
+    """How times grow with sizes.
+
+    Returns:
+        "exponent": k of the best time = c size^k; "last_exponent": k between the
+        two largest sizes alone; "per_unit": slope of the best straight line [s];
+        "last_over_first": ratio of the times at the largest and smallest size.
+        Exponents are of the sizes that are not 0.
+    """
+    x, y = np.array(sizes, dtype=float), np.array(times, dtype=float)
+    log_x, log_y = np.log(x[x > 0.0]), np.log(y[x > 0.0])
+    return {
+        "exponent": float(np.polyfit(log_x, log_y, 1)[0]),
+        "last_exponent": float((log_y[-1] - log_y[-2]) / (log_x[-1] - log_x[-2])),
+        "per_unit": float(np.polyfit(x, y, 1)[0]),
+        "last_over_first": float(y[-1] / y[0]),
+    }

@@ -56,8 +56,7 @@ _SLICE = 0.0625
 _MEMORY_LIMIT = 4 * 2**30
 
 # What a frame of the recording is allowed to take of memory while the page is made, for
-# each body and target [B]. Measured as 1.6 kB when Meshcat recorded it
-# (`benchmarks.long_run`); what is kept of a frame now is less.
+# each body and target [B].
 _FRAME_BYTES = 2000
 
 # A logged value is kept as 8 bytes, grown by doubling, and copied twice.

@@ -35,7 +35,7 @@ from benchmarks.adversary.cases import (
 from benchmarks.adversary.report import tables, told
 from benchmarks.adversary.robots import ASKED_FOR, ROBOTS, load_subject
 from benchmarks.adversary.run import play_and_judge, run_case
-from benchmarks.kept import seed_number
+from benchmarks.options import seed_number
 from benchmarks.page import Benchmark, run
 from crar_drake.commands.options import count
 from crar_drake.control.modes import MODES

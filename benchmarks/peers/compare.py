@@ -40,8 +40,6 @@ from crar_drake.commands.options import count
 from crar_drake.files import write_whole
 
 PERIOD = 0.005  # [s] of all controllers
-COMPILED = {"compiled": True}  # needs crar-drake[compiled]; else plain NumPy
-WAYS = {"": {}, ", compiled": COMPILED, ", as torque": {"torque": True}}
 WARM_UP = 20  # first steps of a run, not timed
 
 
@@ -156,11 +154,7 @@ def entries(chosen: list[Peer]) -> list[Entry]:
             ("no preview", NO_PREVIEW),
             ("no preview, tuned", tuned["crossing"]["settings"]),
         ):
-            for way, more in WAYS.items():
-                entry = Entry(
-                    f"lookahead, {name}{way}", peer, dict.fromkeys(CASES, one | more)
-                )
-                made.append(entry)
+            made.append(Entry(f"lookahead, {name}", peer, dict.fromkeys(CASES, one)))
     return made
 
 
@@ -244,7 +238,6 @@ def run_all(
             made.append(
                 Row(
                     name=entry.name,
-                    python=entry.peer.python,
                     case=case,
                     settings=entry.settings[case],
                     versions=json.loads(str(turns[0]["versions"])),
@@ -322,16 +315,11 @@ def job(case: str, settings: dict, out: Path, period: float = PERIOD) -> dict:
 def drive(peer: Peer, pythons: dict[str, str], folder: Path, jobs: list[dict]) -> None:
     """Runs jobs in the peer's own environment, with one thread.
 
-    Jobs of ours are compiled or not all alike, as the first one's settings say.
-
     Raises:
         PeerError: the driver ended with an error.
     """
     Path(jobs[0]["out"]).parent.mkdir(parents=True, exist_ok=True)
     changes = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    if peer is OURS:
-        compiled = jobs[0]["settings"].get("compiled", False)
-        changes["NUMBA_DISABLE_JIT"] = "0" if compiled else "1"
     finished = subprocess.run(
         [
             pythons[peer.environment],

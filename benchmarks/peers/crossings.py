@@ -10,7 +10,7 @@ comes, and with a margin of which 5 mm are left for certain, and the law without
 preview: as it comes, with higher gains, with the settings of the comparison, and with
 some that are calm. Most of the preview's numbers were chosen at once on such motions of
 three robots (seeds 0 to 35 of the arm, 0 to 11 and 36 to 59 of the upper body, 0 to 23
-of the G1), and on recordings of people; the latest as `benchmarks.presets` says.
+of the G1), and on recordings of people.
 """
 
 import json
@@ -19,10 +19,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.kept import seed_number
+from benchmarks.options import seed_number
 from benchmarks.page import Benchmark, Table, run
 from benchmarks.peers.compare import (
-    COMPILED,
     PERIOD,
     Entry,
     add_only,
@@ -98,10 +97,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     each = dict.fromkeys(cases, PERIOD)
     compared = [
         *entries(cases),
-        Entry("lookahead, calm", OURS, dict.fromkeys(cases, CALM | COMPILED)),
-        Entry(
-            "lookahead, default, 5 mm", OURS, dict.fromkeys(cases, FARTHER | COMPILED)
-        ),
+        Entry("lookahead, calm", OURS, dict.fromkeys(cases, CALM)),
+        Entry("lookahead, default, 5 mm", OURS, dict.fromkeys(cases, FARTHER)),
     ]
     compared = only(compared, arguments, benchmark)
     for entry, found in recorded(compared, each, arguments, folder):
@@ -153,10 +150,10 @@ def entries(cases: Sequence[str]) -> list[Entry]:
     ]
     ours = settings[OURS.name][TUNED_FOR]["settings"]
     chosen += [
-        ("lookahead, default", OURS, COMPILED),
-        ("lookahead, no preview", OURS, NO_PREVIEW | COMPILED),
-        ("lookahead, higher gains", OURS, HIGHER_GAINS | COMPILED),
-        ("lookahead, tuned", OURS, ours | COMPILED),
+        ("lookahead, default", OURS, {}),
+        ("lookahead, no preview", OURS, NO_PREVIEW),
+        ("lookahead, higher gains", OURS, HIGHER_GAINS),
+        ("lookahead, tuned", OURS, ours),
     ]
     return [Entry(name, peer, dict.fromkeys(cases, one)) for name, peer, one in chosen]
 

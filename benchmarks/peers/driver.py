@@ -178,56 +178,6 @@ def loop(
     return {"q": q, "v": v, "step_time": step_time, "no_answer": no_answer}
 
 
-class Filter(Controller):
-    """Follows a reference of all joints, frame by frame; `solve` answers velocities.
-
-    A case is the file of a reference: time (T,) [s], q (T, n) and, from where it is to
-    begin, q_start (n,) [rad]. `solve` is given what the next step is to reach, (n,), in
-    place of `Targets`. Settings of all: steps in a frame, between which the reference
-    goes straight.
-    """
-
-    def __init__(self, problem: Problem, period: float, settings: dict) -> None:
-        """
-        Args:
-            problem: of the robot; its links are the feet.
-            period: of a frame [s].
-            settings: of this filter.
-        """
-        self.problem, self.steps = problem, settings["steps"]
-        self.period = period / self.steps
-        self.set_up(settings)
-
-    def set_up(self, settings: dict) -> None:
-        """Makes what `solve` needs."""
-        raise NotImplementedError
-
-    def record(
-        self, case: Path, period: float, seconds: float | None
-    ) -> dict[str, np.ndarray]:
-        """Runs a reference; what `run` returns, of its frames, without targets.
-
-        Step times and failures are those of whole frames.
-        """
-        data, parts = np.load(case), self.steps
-        clock, wanted = data["time"], data["q"]
-
-        def asked(k: int, q: np.ndarray) -> np.ndarray:
-            frame, part = divmod(k, parts)
-            way = wanted[frame + 1] - wanted[frame]
-            return wanted[frame] + (part + 1) / parts * way
-
-        frames = len(clock) - 1
-        done = loop(self, data["q_start"], frames * parts, self.period, asked)
-        return {
-            "time": clock,
-            "q": done["q"][::parts],
-            "v": done["v"][::parts],
-            "step_time": done["step_time"].reshape(frames, parts).sum(axis=1),
-            "no_answer": done["no_answer"].reshape(frames, parts).any(axis=1),
-        }
-
-
 @dataclass(frozen=True)
 class Spheres:
     """N obstacles as they are measured at t_k.

@@ -14,12 +14,11 @@ from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
 
 
 class CrarGuard(Guard):
-    """Settings: fields of `LookaheadParameters`; compiled."""
+    """Settings: fields of `LookaheadParameters`."""
 
     packages = ("crar-drake", "drake", "numpy", "numba")
 
     def __init__(self, problem: Problem, period: float, settings: dict) -> None:
-        settings = {k: v for k, v in settings.items() if k != "compiled"}
         self.filter = SafetyFilter(
             describe(problem.folder, load_robot_description(problem.robot)),
             period,

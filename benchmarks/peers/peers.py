@@ -18,15 +18,12 @@ class Peer:
         driver: module beside this file; imports nothing that its environment lacks.
         environment: key of ENVIRONMENTS.
         grid: settings to try.
-        python: whether Python assembles each step (a C++ core with one call a step
-            is False).
     """
 
     name: str
     driver: str
     environment: str
     grid: tuple[dict, ...]
-    python: bool
 
 
 # Pinned, so that the figures can be had again. "" is the environment of this project.
@@ -38,11 +35,6 @@ ENVIRONMENTS = {
     "drake": ("drake==1.58.0",),
     "oscbf": ("cbfpy==0.1.0", "frax==0.1.0", "jax==0.10.2", "jaxlib==0.10.2"),
     "embodik": ("embodik==0.23.2",),
-    # The newest wheel that has its library in it, with the versions it was built with.
-    "tsid": (
-        *("tsid==1.7.1", "pin==3.4.0", "numpy==2.3.5"),
-        *("cmeel-urdfdom==4.0.1", "cmeel-tinyxml2==10.0.0"),
-    ),
 }
 # Those of their packages that are not for every Python of this project.
 PYTHONS = {"drake": "python3.12", "embodik": "python3.12"}
@@ -113,7 +105,6 @@ PEERS = (
             weight=(10.0, 1000.0),
             velocity_limits=(True,),
         ),
-        python=False,
     ),
     Peer(
         "PlaCo, dynamics",
@@ -129,7 +120,6 @@ PEERS = (
             weight=(1e3,),
             velocity_limits=(False,),
         ),
-        python=False,
     ),
     Peer(
         "Pink",
@@ -155,7 +145,6 @@ PEERS = (
             velocity_limits=(True,),
             acceleration_limit=(100.0, 300.0),
         ),
-        python=True,
     ),
     Peer(
         "mink",
@@ -183,7 +172,6 @@ PEERS = (
             relaxation=(-1e-4, -5e-4),
             velocity_limits=(True,),
         ),
-        python=True,
     ),
     Peer(
         "Drake, differential IK",
@@ -198,7 +186,6 @@ PEERS = (
             limit_margin=(0.0025,),
             limit_influence=(0.1,),
         ),
-        python=True,
     ),
     Peer(
         "OSCBF, velocities",
@@ -210,7 +197,6 @@ PEERS = (
             damping=(1e-3,),
             alpha=(10.0, 20.0, 50.0, 75.0, 100.0, 140.0, 190.0),
         ),
-        python=False,
     ),
     Peer(
         "OSCBF, accelerations",
@@ -222,7 +208,6 @@ PEERS = (
             damping=(1e-3,),
             alpha=(10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0),
         ),
-        python=False,
     ),
     Peer(
         "embodik",
@@ -239,7 +224,6 @@ PEERS = (
             constraints=(10,),
             recovery=(0.2, 1.0),
         ),
-        python=False,
     ),
 )
 
@@ -282,5 +266,4 @@ OURS = Peer(
         distance_margin=(MARGIN,),
         preview=(0.0,),
     ),
-    python=True,
 )

@@ -16,7 +16,6 @@ class Row:
 
     Attributes:
         name: of the controller.
-        python: whether Python assembles each of its steps.
         case: key of CASES.
         settings: what it was run with.
         versions: distribution to version, and that of Python.
@@ -25,7 +24,6 @@ class Row:
     """
 
     name: str
-    python: bool
     case: str
     settings: dict
     versions: dict[str, str]
@@ -65,8 +63,6 @@ NOTES = {
     "points in the first priority",
     "lookahead, default": "what `CrarParameters()` has: accelerations are planned "
     "0.1 s ahead",
-    "lookahead, default, compiled": "the same law where Numba is installed",
-    "lookahead, default, as torque": "the robot's dynamics are simulated",
     "lookahead, no preview": "a feedback of the present error, its gains the paper's",
     "lookahead, no preview, tuned": "the same with higher gains, and with pairs as "
     "bounds instead of weights",

@@ -139,18 +139,6 @@ def on_a_base(robot: ET.Element, reach: float, fastest: float) -> None:
         below = f"{name}_under"
 
 
-def add_point(robot: ET.Element, name: str, link: str, at: Sequence[float]) -> None:
-    """Adds a link that is a point of another, in its axes.
-
-    Args:
-        robot: that gets it.
-        name: of the new link.
-        link: that carries it.
-        at: (3,) in the axes of `link` [m].
-    """
-    _add_point(robot, name, link, _numbers(at), "0 0 0")
-
-
 def _add_point(robot: ET.Element, name: str, link: str, at: str, turn: str) -> None:
     ET.SubElement(robot, "link", {"name": name})
     joint = _fixed(robot, f"{name}_weld", link, name)

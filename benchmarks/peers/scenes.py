@@ -96,19 +96,17 @@ GUARDS = (
         "guard_crar",
         "",
         every(horizon=(0.04, 0.0833, 0.15), approach_rate=(20.0, 50.0)),
-        python=True,
     ),
     Peer(
         "safety filter, evading",
         "guard_crar",
         "",
         every(horizon=(0.04,), approach_rate=(20.0,), evade=(True,)),
-        python=True,
     ),
-    Peer("OSCBF, spheres' speeds told", "guard_oscbf", "oscbf", _barriers(True), False),
-    Peer("OSCBF, as if they stood", "guard_oscbf", "oscbf", _barriers(False), False),
-    Peer("mink", "guard_mink", "mink", _bounds(MARGIN, 0.03), True),
-    Peer("mink, 5 mm", "guard_mink", "mink", _bounds(MARGIN), True),
+    Peer("OSCBF, spheres' speeds told", "guard_oscbf", "oscbf", _barriers(True)),
+    Peer("OSCBF, as if they stood", "guard_oscbf", "oscbf", _barriers(False)),
+    Peer("mink", "guard_mink", "mink", _bounds(MARGIN, 0.03)),
+    Peer("mink, 5 mm", "guard_mink", "mink", _bounds(MARGIN)),
 )
 HEADER = (
     "filter",

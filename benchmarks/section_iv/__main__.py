@@ -1,4 +1,4 @@
-"""The experiments of the paper's Section IV, repeated: a report in a folder.
+"""The experiments of the paper's Section IV, repeated.
 
     python -m benchmarks.section_iv [--motions cmu]
 
@@ -11,12 +11,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-
 from benchmarks.section_iv.plan import MOTION_SETS, make_plan
-from benchmarks.section_iv.report import report_path
+from benchmarks.section_iv.report import FIGURES, tables
 from benchmarks.section_iv.reproduce import reproduce
 from benchmarks.section_iv.simulate import finished
 from benchmarks.sweep.cases import find_motions
@@ -31,8 +27,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; the exit code is as of `crar-drake`."""
     parser = Parser(
         prog="python -m benchmarks.section_iv",
-        description="Repeat the experiments of the paper's Section IV and write a "
-        "report. The same command continues one that was stopped.",
+        description="Repeat the experiments of the paper's Section IV. The same "
+        "command continues one that was stopped.",
     )
     add_what_runs(parser, run)
     parser.add_argument(
@@ -50,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--out",
         type=Path,
         metavar="DIR",
-        help="folder for report.html and its files (default: out/reproduce/NAME, "
+        help="folder for figures and results (default: out/reproduce/NAME, "
         "where NAME says which motions)",
     )
     return answer(parser, argv)
@@ -75,16 +71,9 @@ def run(arguments: argparse.Namespace) -> None:
             jobs=arguments.jobs,
             progress=lambda done, total, newest: show(done, total, newest.result),
         )
-    table = Table(title="The paper's findings", title_justify="left")
-    for column in ("paper", "finding", "here"):
-        table.add_column(column)
-    for finding in result.findings:
-        style = "green" if finding.holds else "red"
-        table.add_row(
-            finding.source, finding.statement, Text(finding.verdict, style=style)
-        )
-    Console().print(table)
-    print(report_path(out))
+    for table in tables(result):
+        print(table.markdown())
+    print(out / FIGURES)
 
 
 if __name__ == "__main__":

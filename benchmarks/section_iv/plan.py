@@ -66,7 +66,6 @@ class Simulation:
         scenario: all of it, as YAML text.
         duration: that it will simulate [s].
         keep_log: whether figures need its samples.
-        page: whether it gets a playback page.
     """
 
     motion: str
@@ -75,7 +74,6 @@ class Simulation:
     scenario: str
     duration: float
     keep_log: bool = False
-    page: bool = False
 
     @property
     def name(self) -> str:
@@ -156,19 +154,17 @@ def make_plan(
 
     dance = motions[0]
     plan = [
-        simulation(dance, experiment, "raw", RAW, keep_log=True, page=True)
+        simulation(dance, experiment, "raw", RAW, keep_log=True)
         for experiment in (EXPERIMENT_1, EXPERIMENT_2)
     ]
     for motion in motions:
         plan += [
-            simulation(
-                motion, experiment, name, gains, keep_log=motion == dance, page=True
-            )
+            simulation(motion, experiment, name, gains, keep_log=motion == dance)
             for experiment in (EXPERIMENT_1, EXPERIMENT_2)
             for name, gains in SERIES.items()
         ]
         plan += [
-            simulation(motion, EXPERIMENT_1, name, gains, page=True)
+            simulation(motion, EXPERIMENT_1, name, gains)
             for name, gains in VARIANTS.items()
         ]
     # Points of the sweep that were planned already are not run twice.

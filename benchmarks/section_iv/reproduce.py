@@ -1,4 +1,4 @@
-"""The whole reproduction: simulates, tests the findings, draws, writes the report."""
+"""The whole reproduction: simulates, tests the findings, draws."""
 
 import time
 from concurrent.futures import Executor
@@ -7,15 +7,10 @@ from pathlib import Path
 
 import matplotlib
 
-from benchmarks.section_iv.csv_tables import write_tables
 from benchmarks.section_iv.figures import all_figures
 from benchmarks.section_iv.findings import check_findings
 from benchmarks.section_iv.plan import Plan
-from benchmarks.section_iv.report import (
-    FIGURES,
-    Reproduction,
-    write_report,
-)
+from benchmarks.section_iv.report import FIGURES, Reproduction
 from benchmarks.section_iv.simulate import (
     Progress,
     finished,
@@ -40,11 +35,10 @@ def reproduce(
     jobs: int | None = None,
     progress: Progress | None = None,
 ) -> Reproduction:
-    """Runs a plan, and writes its report into a folder.
+    """Runs a plan, and writes what it found into a folder.
 
-    The folder then holds report.html, `figures`, `tables` (CSV), `pages` (playback),
-    `logs` (of the dance) and `results` (one file per simulation, which a later call
-    with the same plan does not run again).
+    The folder then holds `figures`, `logs` (of the dance) and `results` (one file per
+    simulation, which a later call with the same plan does not run again).
 
     Args:
         plan: from `make_plan`.
@@ -83,15 +77,11 @@ def reproduce(
             metadata = {} if pixels else {"Date": None}
             save_figure(draw(), path, dpi=100, metadata=metadata)
             figures[name] = path
-    tables = write_tables(plan, outcomes, findings, log, frame_rate, out)
-    result = Reproduction(
+    return Reproduction(
         plan=plan,
         outcomes=outcomes,
         findings=findings,
         figures=figures,
-        tables=tables,
         wall_time=time.perf_counter() - start,
         simulated=len(outcomes) - kept,
     )
-    write_report(result, out)
-    return result

@@ -1,10 +1,9 @@
 """Runs a plan's simulations in processes, and keeps what came of each in a file.
 
 A finished simulation is `results/<name>.json`; an interrupted reproduction goes on
-with what is missing. Logs and playback pages are written before that file.
+with what is missing. Logs are written before that file.
 """
 
-import dataclasses
 import json
 import logging
 import math
@@ -27,7 +26,7 @@ from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.simulation.scenario import parse_scenario
 from crar_drake.version import __version__
 
-RESULTS, LOGS, PAGES = "results", "logs", "pages"
+RESULTS, LOGS = "results", "logs"
 
 # W is said to jump where one of its elements changes by more than this in a sample.
 _JUMP = 0.1
@@ -129,7 +128,6 @@ def simulate(simulation: Simulation, out: str) -> Outcome:
         simulation: what to run.
         out: folder of the reproduction.
     """
-    from crar_drake.results.playback import record_log
     from crar_drake.run import run_scenario
 
     # Drake announces the address of every page, where nothing is to be seen.
@@ -152,8 +150,6 @@ def simulate(simulation: Simulation, out: str) -> Outcome:
         outcome = Outcome(simulation, result, analyse(run.log, verdict.count))
         if simulation.keep_log:
             run.log.save(log_path(simulation, out))
-        if simulation.page:
-            record_log(run.log, page_path(simulation, out), scenario=scenario)
     path = _result_path(simulation, out)
     write_whole(path, _to_json(outcome))
     return outcome
@@ -207,9 +203,8 @@ def finished(plan: Plan, out: Path) -> dict[str, Outcome]:
             outcome = _from_json(text, simulation)
         except (OSError, ValueError, KeyError, TypeError):
             continue  # not there, or of another version: it is run again
-        needed = [log_path(simulation, out)] if simulation.keep_log else []
-        needed += [page_path(simulation, out)] if simulation.page else []
-        if outcome and not outcome.result.error and all(p.is_file() for p in needed):
+        there = not simulation.keep_log or log_path(simulation, out).is_file()
+        if outcome and not outcome.result.error and there:
             outcomes[simulation.name] = outcome
     return outcomes
 
@@ -217,11 +212,6 @@ def finished(plan: Plan, out: Path) -> dict[str, Outcome]:
 def log_path(simulation: Simulation, out: str | Path) -> Path:
     """Of the samples that figures need."""
     return Path(out) / LOGS / f"{simulation.name}.npz"
-
-
-def page_path(simulation: Simulation, out: str | Path) -> Path:
-    """Of the playback page."""
-    return Path(out) / PAGES / f"{simulation.name}.html"
 
 
 def _result_path(simulation: Simulation, out: str | Path) -> Path:
@@ -258,8 +248,3 @@ def _from_json(text: str, simulation: Simulation) -> Outcome | None:
         Result(**record["result"]),
         Details(**details) if details else None,
     )
-
-
-assert {f.name for f in dataclasses.fields(Details)}.isdisjoint(
-    f.name for f in dataclasses.fields(Result)
-)  # the CSV table has both

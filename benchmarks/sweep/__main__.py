@@ -11,8 +11,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from rich.console import Console
-
 from benchmarks.sweep.cases import (
     Case,
     find_motions,
@@ -22,7 +20,6 @@ from benchmarks.sweep.cases import (
     settings_path,
 )
 from benchmarks.sweep.command import add_duration, list_of, one_of, sweep_bar
-from benchmarks.sweep.plot import plot_sweep
 from benchmarks.sweep.report import failures, sweep_tables
 from crar_drake.commands import answer
 from crar_drake.commands.options import (
@@ -98,8 +95,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         type=Path,
         metavar="FILE",
         default=OUT / "sweep" / "results.csv",
-        help="table of the results; a .png (plot) and a .yaml (what they have in "
-        "common) go beside it (default: %(default)s)",
+        help="table of the results; a .yaml (what they have in common) goes beside it "
+        "(default: %(default)s)",
     )
     return answer(parser, argv)
 
@@ -133,7 +130,7 @@ def run(arguments: argparse.Namespace) -> None:
     _check_settings(scenario, cases)
     finished = {result.case for result in read_results(out) if not result.error}
     scenario.skeleton = ""  # it belongs to the scenario's motion
-    for path in (out, settings_path(out), out.with_suffix(".png")):
+    for path in (out, settings_path(out)):
         check_file(path)
 
     kept = len(finished.intersection(cases))
@@ -141,15 +138,11 @@ def run(arguments: argparse.Namespace) -> None:
         results = run_sweep(
             cases, out, scenario=scenario, jobs=arguments.jobs, progress=progress
         )
-    console = Console()
     for table in sweep_tables(results):
-        console.print(table)
+        print(table.markdown())
     for line in failures(results):
         print(f"failed: {line}", file=sys.stderr)
-    plot = out.with_suffix(".png")
-    plot_sweep(results, plot)
     print(out)
-    print(plot)
 
 
 def _check_settings(scenario: Scenario, cases: Iterable[Case]) -> None:

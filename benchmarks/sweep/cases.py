@@ -255,8 +255,7 @@ def run_sweep(
             the scenario's other settings differ.
         scenario: what the cases have in common; their motion, experiment, mode,
             level and period are replaced.
-        executor: any `concurrent.futures` executor, also a cluster's, e.g.
-            `dask.distributed.Client.get_executor()`; by default processes here.
+        executor: any `concurrent.futures` executor; by default processes.
         jobs: number of those processes; by default one per core.
         progress: called with (finished, all, newest result).
 

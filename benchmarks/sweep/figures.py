@@ -1,7 +1,6 @@
 """Figures of many runs: per mode, and modes side by side."""
 
 import math
-import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -77,25 +76,6 @@ class Comparison:
     lookahead: Result
     paper: Result
 
-    @property
-    def not_better(self) -> list[str]:
-        """Fields of `Result` in which the lookahead does not do better.
-
-        Peak torque and rms acceleration should be below the paper's; the task error
-        should not be above it, where the paper's mode holds its constraints.
-        """
-        worse = [
-            name
-            for name in ("peak_torque", "rms_acceleration")
-            if not getattr(self.lookahead, name) < getattr(self.paper, name)
-        ]
-        if (
-            not self.paper.violated
-            and self.lookahead.rms_task_error > self.paper.rms_task_error
-        ):
-            worse.append("rms_task_error")
-        return worse
-
 
 def merge(results: Iterable[Result]) -> list[Result]:
     """One result a case, in reading order: by experiment, mode, period and clip.
@@ -145,15 +125,6 @@ def compare(results: Iterable[Result]) -> list[Comparison]:
 def clip_label(motion: str) -> str:
     """A motion's short name: `05_02` of any path to it, and of `cmu:05_02`."""
     return PurePath(motion).stem.removeprefix("cmu:")
-
-
-def without_folders(text: str, motion: str = "") -> str:
-    """A message without this machine's folders; files keep their names."""
-    for folder in PurePath(motion).parents:
-        if folder.name:
-            text = text.replace(f"{folder}{os.sep}", "")
-    # Absolute paths that have nothing to do with the motion's.
-    return re.sub(r"""(?<![\w./])~?/(?:[^\s:;,()'"]*/)?""", "", text)
 
 
 def _reduce(function: Callable, values: Sequence[float]) -> float:

@@ -28,17 +28,11 @@ from crar_drake.commands import (
     run,
     serve,
 )
-from crar_drake.commands.options import Parser, UsageError
+from crar_drake.commands.options import Parser
 from crar_drake.commands.output import tell_failure
 from crar_drake.drake_warnings import collected_warnings
 from crar_drake.errors import CrarError, nearest
 from crar_drake.version import __version__
-
-# What were commands, and measure the project: where they are in its checkout.
-MOVED = {
-    "sweep": "python -m benchmarks.sweep",
-    "reproduce": "python -m benchmarks.section_iv",
-}
 
 # In the order of the help.
 COMMANDS = (
@@ -75,9 +69,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not given:
         parser.print_help()
         return 0
-    if place := MOVED.get(given[0]):
-        what = f"{given[0]} is no command any more"
-        return tell_failure(UsageError(f"{what}: `{place}`, in a checkout"))
     return answer(parser, given)
 
 

@@ -87,7 +87,7 @@ class CrarController(LeafSystem):
             connected or not: where it is not, there are none. Constraints "lookahead"
             alone keep off them (`docs/theory/moving-obstacles.md`).
 
-    Output ports, all of one solve but for the torque:
+    Output ports:
         actuation: (nu,) efforts in the plant's actuator order [Nm or N], at the state
             of the present torque tick.
         desired_acceleration: (nv,) commanded accelerations of all joints, held for a
@@ -96,10 +96,11 @@ class CrarController(LeafSystem):
         root_force: (nv,) generalized forces for the plant's applied_generalized_force:
             what must push a free root, that no motor moves, at the state of the present
             torque tick [Nm, N]; 0 for all other joints. Only if the root is free.
-        diagnostics: the parts below one after the other; `diagnostics_slices` says
-            where, and `diagnostics(context)` has them by name.
+        diagnostics: actuation, desired_acceleration, position_command and the parts
+            below one after the other; `diagnostics_slices` says where, and
+            `diagnostics(context)` has them by name.
 
-    Parts of diagnostics, after actuation, desired_acceleration and position_command:
+    Parts of diagnostics:
         task_error: (m,) Eq. (11) against desired_tasks [rad, m].
         signed_distances: (Nc,) in the order of the description's pairs [m].
         constraint_weights: (n,) diagonal of W, Eq. (27).

@@ -34,8 +34,8 @@ _USUAL = {
     "farthest_pull": (0.01, 0.01, 0.05),  # [m or rad]
     "null_space_damping": (0.04, 0.04, 0.1),  # [m]
     # Of `CrarParameters`. Without a preview a tenth of Kp, so that tasks come first.
-    # With one they do anyway; more damping holds arms back that go around each other
-    # (docs/measurements/presets.md). As many rows leave next to nothing free, and what
+    # With one they do anyway; more damping holds arms back that go around each other.
+    # As many rows leave next to nothing free, and what
     # they need the least is pulled aside (docs/measurements/crossings.md).
     "nominal_posture_gain": (30.0, 40.0, 1.0),  # [1/s^2]
     "GvN": (None, 20.0, 3.0),  # [1/s], None for Gv

@@ -126,8 +126,8 @@ class FilterReport:
             [m]; a bound from below. NaN where a watched pair is not examined (a box,
             say), and while it brakes.
         clear: whether the path that the step started with is known to be clear.
-        tracking_error: the largest |measured - command before| of a joint [rad or m],
-            NaN where nothing is measured; and
+        tracking_error: the farthest that a measured joint is from the command before
+            [rad or m], NaN where nothing is measured; and
         tracking_joint: of which joint, or None.
         obstacle: what the command, or what pairs and limits left of it, ran into: the
             obstacle's name or number, and the link; or None.

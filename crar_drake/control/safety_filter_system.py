@@ -47,8 +47,9 @@ class SafetyFilterSystem(LeafSystem):
     Notation: n joints, those of `filter.joint_names`, in that order: the plant's, of a
     robot whose base is fixed.
 
-    Input ports; of what is wanted connect one, or position and velocity:
-        desired_position: (n,) at the end of the period [rad or m].
+    Input ports:
+        desired_position: (n,) at the end of the period [rad or m]. Of what is wanted
+            connect one, or position and velocity.
         desired_velocity: (n,) [rad/s or m/s]; beside a position only where that is
             going.
         desired_acceleration: (n,) [rad/s^2 or m/s^2].

@@ -117,8 +117,7 @@ def compiled(
         loops: True if it is written in loops, which are optimised in full. Or what is
             compiled in its place, the same result from loops: where the function calls
             a library that Numba does not reach, or where in plain NumPy loops would
-            make a control step longer by more than 5 % (`python -m
-            benchmarks.two_forms`).
+            make a control step longer by more than 5 %.
     """
     if function is None:
         return lambda decorated: compiled(decorated, loops=loops)

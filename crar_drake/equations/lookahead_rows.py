@@ -29,7 +29,7 @@ ONE_SIDED_RANGE = 2.0 * np.pi
 
 # q_s is not asked to move faster than this unless it is given [rad/s or m/s]: half of
 # it misses fast motions, twice as much gains a millimetre or two for a tenth to a fifth
-# more acceleration (docs/measurements/parameters.md).
+# more acceleration.
 NOMINAL_SPEED_LIMIT = 16.0
 
 

@@ -9,7 +9,7 @@ Numba wrote it until it is linked into what is called from Python, where all is
 optimised at once. Numba's own functions, which ours call, become parts as well.
 
 This saves 58 % of the first compilation, 31 s instead of 75 s (`python -m
-benchmarks.step --compiling`), which is why it stands here.
+benchmarks.step --only compiling`), which is why it stands here.
 
 The means are Numba's own: a compiler class with another library for the code
 (https://numba.readthedocs.io/en/stable/developer/custom_pipeline.html).

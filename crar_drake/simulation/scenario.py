@@ -353,13 +353,6 @@ def load_scenario(scenario: str | os.PathLike[str]) -> Scenario:
     if not path.is_file():
         shipped = data_folder("diagrams") / f"{path.stem}.yaml"
         if path.parent.name not in ("", "diagrams") or not shipped.is_file():
-            with_paper = f"paper_{path.stem}"
-            if with_paper in scenario_names():
-                raise ScenarioError(
-                    f"no scenario {str(scenario)!r}: with the paper's constraints it "
-                    f"is {with_paper}; with the lookahead, crar-drake run --motion "
-                    "MOTION --experiment EXPERIMENT does it"
-                )
             raise ScenarioError(
                 f"no scenario {str(scenario)!r}: neither a file nor one of the shipped "
                 f"ones{nearest(path.stem, scenario_names())}"

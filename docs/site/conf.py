@@ -1,34 +1,29 @@
 """How Sphinx makes a site of the pages of this repository: `make docs`.
 
 The repository itself is the source folder, so that the pages are those that are read
-on GitHub, with the same relative links. What only a site has is beside this file:
-its front page, the reference, and how docstrings and links to source files are read.
+on GitHub, with the same relative links.
 """
 
-import os
+import re
 import sys
 from pathlib import Path
-from unittest.mock import patch
 
-SITE = Path(__file__).resolve().parent
-ROOT = SITE.parents[1]
-sys.path[:0] = [str(SITE), str(ROOT)]
-# A compiled function has neither its signature nor its docstring where Sphinx looks.
-# The notebooks, in processes of their own, run as fast as they can.
-with patch.dict(os.environ, NUMBA_DISABLE_JIT="1"):
-    import crar_drake.equations.compilation
+from sphinx.application import Sphinx
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+import crar_drake  # noqa: E402
 
 project = "crar_drake"
-author = "the authors of crar_drake"
-copyright = author
+author = copyright = "the authors of crar_drake"
 version = release = crar_drake.__version__
 
 extensions = [
-    "myst_nb",  # Markdown and notebooks
+    "myst_parser",  # Markdown
     "sphinx.ext.autodoc",
-    "docstrings",
-    "room_reference",
-    "source_pages",
+    "sphinx.ext.napoleon",  # headed lists in docstrings
+    "sphinx.ext.viewcode",
 ]
 root_doc = "docs/site/index"
 include_patterns = [
@@ -37,52 +32,39 @@ include_patterns = [
     "docs/*.md",
     "docs/*/*.md",
     "docs/site/*.rst",
-    "docs/site/rooms/*.rst",
     "diagrams/README.md",
     "models/README.md",
     "models/*/README.md",
-    "examples/*.ipynb",
 ]
-exclude_patterns = ["out", "build", "dist", ".venv*", ".git", "**/.ipynb_checkpoints"]
 
-# Headings have the anchors that GitHub gives them.
-myst_heading_anchors = 4
+myst_heading_anchors = 4  # as GitHub gives them
+# Links to folders work on GitHub alone; tests/test_pages.py looks at all links.
+suppress_warnings = ["myst.xref_missing"]
 # Code that does not say its language is for a shell, or a formula.
 highlight_language = "none"
-# What nobody here documents: Drake, NumPy, the standard library, and type variables.
-nitpick_ignore_regex = [
-    ("py:.*", r"(?!crar_drake\.).*"),
-    ("py:class", r".*\.T"),
-    ("py:class", r"crar_drake\.run\..*"),  # a module of no room
-]
-# In backticks stands code, which is a link where it is a name of the reference.
-default_role = "py:obj"
+default_role = "code"  # in backticks stands code
 
-autodoc_default_options = {"show-inheritance": True}
 autodoc_member_order = "bysource"
-autodoc_typehints = "signature"
+napoleon_use_ivar = True
+napoleon_custom_sections = [
+    (name, "params_style")
+    for name in ("Input ports", "Output ports", "Parts of diagnostics")
+]
 python_maximum_signature_line_length = 88
 add_module_names = False
-toc_object_entries_show_parents = "hide"
-
-# Notebooks are kept without outputs, and executed when they have changed, or after
-# `make clean`. `-D nb_execution_mode=off` leaves them as they are.
-nb_execution_mode = "cache"
-nb_execution_in_temp = True  # where the files that they write go, too
-nb_execution_cache_path = str(ROOT / "out" / "notebooks")
-nb_execution_timeout = 3600  # a slow computer compiles the controller in it
-nb_execution_raise_on_error = True
-nb_execution_show_tb = True
-nb_output_stderr = "remove"  # where Drake says at which port Meshcat listens
 
 html_theme = "furo"
 html_title = "crar_drake"
-html_static_path = ["static"]
-html_css_files = ["site.css"]
-templates_path = ["templates"]
-# The address that is opened; the front page is deeper, as is its source.
-html_additional_pages = {"index": "to_front_page.html"}
 html_copy_source = False
-# A page that is opened from disk may not read other files, only run their scripts.
-html_show_search_summary = False
 html_show_copyright = False
+
+
+def show_formulas(app: Sphinx, what, name, thing, options, lines: list[str]) -> None:
+    """Marks indented blocks of a docstring as code: formulas, drawings, programs."""
+    text = re.sub(r"(?m)^(?! )(.*\S)\n\n(?=    )", r"\1\n\n::\n\n", "\n".join(lines))
+    lines[:] = text.split("\n")
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx; napoleon reads docstrings after this."""
+    app.connect("autodoc-process-docstring", show_formulas, priority=400)

@@ -1,6 +1,5 @@
 """The adversary's attacks written for the peers, and who judges them."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -54,14 +53,6 @@ def test_harm_is_what_the_referee_finds(folder, witness) -> None:
     assert (harm.violated, harm.no_answer, harm.episodes) == (1, 1, 1)
 
 
-def test_standing_still_does_no_harm(witness) -> None:
-    q = np.tile(witness.model.rest_positions(), (50, 1))
-    harm = witness.harm(recorded(q))
-    assert (harm.violated, harm.penetrating, harm.beyond_limit) == (0, 0, 0)
-    assert harm.clearance > 0.0
-    assert harm.excess == 0.0
-
-
 def test_attacks_start_clear_and_at_rest(folder, witness) -> None:
     """By the referee; and what swings has the velocities of its positions."""
     cases = attacked.write_attacks(folder, witness, attacked.ATTACKS, range(2))
@@ -77,35 +68,3 @@ def test_attacks_start_clear_and_at_rest(folder, witness) -> None:
         slope = (case["p"][2:] - case["p"][:-2]) / 2e-3
         scale = np.abs(case["v"]).max()
         assert np.abs(slope - case["v"][1:-1]).max() < 0.01 * scale, name
-
-
-def test_harm_adds_up() -> None:
-    total = attacked.Harm()
-    total.add(attacked.Harm(1, 1, 10, 2, 3, 4, 5, 6, -0.01, 0.2, acceleration=100.0))
-    total.add(attacked.Harm(1, 0, 10, 0, 0, 1, 0, 0, 0.02, 0.0, acceleration=4000.0))
-    assert total == attacked.Harm(2, 1, 20, 2, 3, 5, 5, 6, -0.01, 0.2, 4000.0)
-    table = attacked.make_tables({"one": {"sine": total}})[0].markdown()
-    assert (
-        "| one | 1 of 2 | 2 | 3 | 5 | 5 | 6 | -10.0 mm | 11.46° | 4,000 rad/s² |"
-        in table
-    )
-
-
-def test_accelerations_are_those_between_samples(witness) -> None:
-    q = np.tile(witness.model.rest_positions(), (4, 1))
-    result = recorded(q)
-    step = result["time"][1] - result["time"][0]
-    result["v"][2, 3] = -0.5
-    assert witness.harm(result).acceleration == pytest.approx(0.5 / step)
-
-
-def test_slower_joints_are_so_for_everybody(tmp_path) -> None:
-    attacked.write_problem(tmp_path)
-    attacked.slow_down(tmp_path, 10.0)
-    problem = json.loads((tmp_path / "problem.json").read_text())
-    assert set(problem["velocity_limits"]) == {10.0}
-    limits = attacked.Witness(tmp_path).judge.fastest
-    np.testing.assert_array_equal(limits, 10.0)
-    assert 'velocity="37"' not in (tmp_path / "robot_pinocchio.urdf").read_text()
-    with pytest.raises(SystemExit):
-        attacked.main(["--fastest", "-1", "--out", str(tmp_path)])

@@ -5,39 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import faults
 from benchmarks.faults import (
-    NO_FAULT,
     Fault,
     Moment,
-    Outcome,
-    Remedy,
     base_scenario,
-    find_moment,
-    hand_jacobian,
     make_faults,
-    make_tables,
     run_fault,
     under,
 )
-from crar_drake.control.records import InputError
-from crar_drake.judging.referee import Referee
 from crar_drake.run import RunResult, run_scenario
 from crar_drake.simulation.disturbances import Disturbances
 
 MOMENT = Moment(3.0, "right_hand", np.array([0.6, 0.0, -0.8]))
 HEAVY = Fault("masses +20 %", "exact model", Disturbances(mass_scale=1.2))
-FINE = Outcome("noise", "exact state", "", "dance wrists", 0, 100, 0.01, 0.0, 50.0, 9.0)
-BAD = replace(
-    FINE,
-    fault="push",
-    assumption="no force",
-    where="boxing wrists",
-    violated=7,
-    smallest_distance=-0.0123,
-    largest_excess=np.deg2rad(2.5),
-    peak_torque=321.0,
-)
 
 
 @pytest.fixture(scope="module")
@@ -63,45 +43,6 @@ def test_fault_end_to_end(short):
     assert np.abs(run.log.q - short.log.q[:301]).max() > 1e-3
 
 
-@pytest.mark.parametrize("violates", [True, False])
-def test_remedies_are_tried_on_violations_only(monkeypatch, violates):
-    def run(scenario, record):
-        assert scenario.disturbances.mass_scale == 1.2
-        return scenario
-
-    def judge(run, fault, remedy, where):
-        controller = run.controller
-        held = controller.lookahead.distance_margin > 0.03 or controller.period < 2e-3
-        return replace(
-            FINE,
-            fault=fault.name,
-            remedy=remedy.name,
-            violated=int(violates and not held),
-        )
-
-    monkeypatch.setattr(faults, "run_scenario", run)
-    monkeypatch.setattr(faults, "judge", judge)
-    remedies = [
-        Remedy("little", {"distance_margin": 0.01}),
-        Remedy("wide", {"distance_margin": 0.04}),
-        Remedy("quick", period=1e-3),
-    ]
-    outcomes = run_fault(base_scenario("dance", "wrists"), HEAVY, remedies)
-    expected = {"": 1, "little": 1, "wide": 0, "quick": 0} if violates else {"": 0}
-    assert {o.remedy: o.violated for o in outcomes} == expected
-
-
-def test_loop_that_diverges_is_a_violation(monkeypatch):
-    def run(scenario, record):
-        raise InputError("estimated_state has a NaN")
-
-    monkeypatch.setattr(faults, "run_scenario", run)
-    outcomes = run_fault(base_scenario("dance", "wrists"), HEAVY, [Remedy("more")])
-    assert [o.remedy for o in outcomes] == ["", "more"]
-    assert all(o.violated for o in outcomes)
-    assert "diverges" in make_tables(outcomes)[0].markdown()
-
-
 def test_every_fault_is_valid_and_breaks_something():
     scenario = base_scenario("dance", "upper-body")
     made = make_faults(MOMENT)
@@ -123,55 +64,3 @@ def test_every_fault_is_valid_and_breaks_something():
     offsets = [j.offset for j in jumps if j.duration]
     assert [np.linalg.norm(offset) for offset in offsets] == [1.0, 1.0]
     np.testing.assert_array_equal(*[offsets[0], -np.array(offsets[1])])
-
-
-def test_remedies_are_valid():
-    scenario = base_scenario("dance", "wrists")
-    for remedy in faults.REMEDIES:
-        changed = under(scenario, NO_FAULT, remedy)
-        changed.validate()
-        assert changed.controller != scenario.controller
-
-
-def test_moment_is_when_a_hand_is_nearest(short):
-    """And the direction is the one in which the hand comes nearer."""
-    moment = find_moment(short, settled=0.1)
-    model = short.setup.model
-    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
-    hands = [any("hand" in link for link in pair) for pair in referee.pairs]
-    times = np.arange(0.1, 0.3, 0.02)
-    samples = [int(round(t / 1e-3)) for t in times]
-    d = [referee.distances(short.log.q[k])[hands].min() for k in samples]
-    sample = int(round(moment.time / 1e-3))
-    q = short.log.q[sample]
-    assert referee.distances(q)[hands].min() <= min(d) + 1e-9
-    # Let the joints follow the force a little.
-    J = hand_jacobian(short, q, moment.hand)
-    moved = q.copy()
-    moved[model.controlled] += 0.01 * J.T @ moment.towards
-    assert referee.distances(moved)[hands].min() < referee.distances(q)[hands].min()
-
-
-def test_report_without_violations():
-    nearer = replace(FINE, where="boxing wrists", smallest_distance=0.004)
-    (table,) = make_tables([FINE, nearer])
-    text = table.markdown()
-    assert "| noise | exact state | 0 of 2 | 0 of 200 |" in text
-    assert "4.0 mm (boxing wrists) | none | 50 Nm | 9 rad/s²" in text
-
-
-def test_report_states_size_and_remedy():
-    remedied = replace(
-        BAD, remedy="d_min 20 mm", violated=0, smallest_distance=0.003, largest_excess=0
-    )
-    overview, details = (t.markdown() for t in make_tables([FINE, BAD, remedied]))
-    assert "| push | no force | 1 of 1 | 7 of 100 | -12.3 mm" in overview
-    assert "2.50°" in overview
-    assert "d_min" not in overview
-    assert "noise" in overview and "noise" not in details
-    assert (
-        "| push | boxing wrists | defaults | 7 of 100 | -12.3 mm | 2.50° |" in details
-    )
-    assert (
-        "| push | boxing wrists | d_min 20 mm | 0 of 100 | 3.0 mm | none |" in details
-    )

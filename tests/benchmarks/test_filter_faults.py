@@ -6,7 +6,6 @@ import pytest
 from benchmarks.filter_faults import (
     PERIOD,
     FilterFault,
-    filter_faults,
     filter_table,
     make_filter,
     run_filter_fault,
@@ -59,13 +58,3 @@ def test_noise_beyond_the_error_stops_the_robot(filter):
     table = filter_table([noisy], E, 0.004)
     assert table.rows[0][4] == f"{noisy.braked} of 40"
     assert table.rows[0][3] == "kept" and "E = 0.02 rad" in table.title
-
-
-def test_the_faults_are_masses_noise_delays_and_pushes():
-    faults = filter_faults(2.0, "left_hand", np.array([0.0, 1.0, 0.0]))
-    names = [fault.name for fault in faults]
-    assert len(set(names)) == len(names) == 15
-    assert {f.late_commands for f in faults} == {0.0, 0.01, 0.02, 0.03}
-    assert {f.mass_scale for f in faults} == {0.8, 1.0, 1.2}
-    forces = [f.pushes[0].force for f in faults if f.pushes]
-    assert np.allclose(np.linalg.norm(forces, axis=1), 50.0)

@@ -1,11 +1,10 @@
 """The pages of docs/measurements say what their results do."""
 
-import shutil
 import subprocess
 
 import pytest
 
-from benchmarks import continuity, page
+from benchmarks import recovery
 from benchmarks.page import (
     PAGES,
     Part,
@@ -24,8 +23,10 @@ PART = Part("a command", "a machine", "a law", [Table(["a"], [["1"]], "b")], "Fo
 @pytest.mark.parametrize("name", NAMES)
 def test_a_page_is_what_its_results_make_of_it(name):
     page = PAGES / f"{name}.md"
-    assert render(page) == page.read_text(encoding="utf-8")
-    assert read_parts(page)
+    text, parts = page.read_text(encoding="utf-8"), read_parts(page)
+    assert parts and render(page) == text
+    assert all(f"<!-- {part} -->\n" in text for part in parts)
+    assert f"({name}.md)" in (PAGES / "README.md").read_text(encoding="utf-8")
 
 
 def test_a_page_leaves_out_what_the_results_keep():
@@ -44,48 +45,9 @@ def test_a_page_leaves_out_what_the_results_keep():
     assert f"{done.stdout.strip()} --page docs/b.md" == command
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_all_that_is_kept_is_shown_and_listed(name):
-    text = (PAGES / f"{name}.md").read_text(encoding="utf-8")
-    assert all(f"<!-- {part} -->\n" in text for part in read_parts(PAGES / name))
-    assert f"({name}.md)" in (PAGES / "README.md").read_text(encoding="utf-8")
-
-
-def test_a_run_comes_through_to_its_page(tmp_path, capsys, no_new_processes):
-    page = tmp_path / "continuity.md"
-    shutil.copy(PAGES / page.name, page)
-    results_of(page).parent.mkdir()
-    shutil.copy(results_of(PAGES / page.name), results_of(page))
-    before = read_parts(page)
-    continuity.main(
-        ["--motion", "dance", "--duration", "0.05", "--jobs", "1", "--page", str(page)]
-    )
-    after = read_parts(page)
-    assert after["no preview"] == before["no preview"]
-    assert [row[0] for row in after["defaults"].tables[0].rows][-1] == "all"
-    assert str(tmp_path) not in page.read_text(encoding="utf-8")
-    assert render(page) == page.read_text(encoding="utf-8")
-    assert "another manner" in capsys.readouterr().out
-
-
-def test_a_run_is_dirty_by_code_and_not_by_pages(tmp_path, monkeypatch):
-    for name, path in (("ROOT", tmp_path), ("PAGES", tmp_path / "pages")):
-        monkeypatch.setattr(page, name, path)
-    code, written = tmp_path / "code.py", tmp_path / "pages" / "speed.md"
-    written.parent.mkdir()
-    for each in (code, written):
-        each.write_text("before")
-    for words in ("init -q", "add .", "-c user.name=a -c user.email=b commit -qm c"):
-        subprocess.run(["git", *words.split()], cwd=tmp_path, check=True)
-    written.write_text("after")
-    assert not page.version_line().endswith("-dirty")
-    code.write_text("after")
-    assert page.version_line().endswith("-dirty")
-
-
 def test_the_page_is_looked_for_before_anything_is_run(tmp_path):
     with pytest.raises(CrarError, match=r"none\.md"):
-        continuity.main(["--page", str(tmp_path / "none.md")])
+        recovery.main(["--page", str(tmp_path / "none.md")])
 
 
 def test_a_part_without_a_place_or_without_results_is_refused(tmp_path):

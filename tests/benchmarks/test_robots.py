@@ -3,14 +3,10 @@
 import json
 from dataclasses import asdict
 
-import pytest
-
 from benchmarks.robots import __main__ as command
-from benchmarks.robots import verdicts
 from benchmarks.robots.catalogue import SUBJECTS, Subject, folder_name
 from benchmarks.robots.page import tables, told
 from benchmarks.robots.trial import RESULT, TOOL, WHOLE_BODY, Outcome, load_outcome
-from benchmarks.robots.verdicts import VERDICTS, Verdict
 
 DANCER = Outcome(
     imported=True,
@@ -65,21 +61,6 @@ def test_the_page():
     assert f"Not tried: {SUBJECTS[1].name}" in found
 
 
-def test_a_verdict_is_of_the_run_that_was_looked_at(monkeypatch):
-    seen = {SUBJECTS[0].name: Verdict(0.061), SUBJECTS[1].name: Verdict(0.08)}
-    monkeypatch.setattr(verdicts, "VERDICTS", seen)
-    outcomes = [(SUBJECTS[0], DANCER), (SUBJECTS[1], DANCER)]
-    text = "".join(table.markdown() for table in tables(outcomes))
-    assert [cells(text, s.name)[3] for s in SUBJECTS[:2]] == ["yes", "not looked at"]
-    # Meshes penetrate, capsules do not.
-    looked_at = "pictures of 1 dancers were looked at: 1 dance recognisably, 1 of"
-    assert looked_at in told(outcomes)
-
-
-def test_every_verdict_is_of_a_robot():
-    assert set(VERDICTS) <= {subject.name for subject in SUBJECTS}
-
-
 def test_what_has_a_result_is_not_tried_again(tmp_path, monkeypatch, capsys):
     subject = Subject("Some robot", "no-such-package", "robot.urdf", "arm")
     known = SUBJECTS[0]
@@ -93,14 +74,3 @@ def test_what_has_a_result_is_not_tried_again(tmp_path, monkeypatch, capsys):
     shown = capsys.readouterr().out
     assert "the package no-such-package is not installed" in shown
     assert cells(shown, known.name)[5].startswith("60 mm")
-
-
-def test_unknown_names_are_refused(capsys):
-    with pytest.raises(SystemExit):
-        command.main(["--only", "Nobody"])
-    assert "no robot 'Nobody'; there are: G1;" in capsys.readouterr().err
-
-
-def test_folders_are_apart():
-    names = [folder_name(subject) for subject in SUBJECTS]
-    assert len(set(names)) == len(names)

@@ -9,7 +9,6 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from benchmarks.peers.driver import Guard, NoAnswer, Problem, Spheres
 from benchmarks.peers.problem import BASE, describe, write_problem
-from benchmarks.peers.scenes import Harm, together
 from crar_drake import load_robot_description
 from crar_drake.control.obstacles import Obstacles
 from crar_drake.control.safety_filter import SafetyFilter
@@ -119,14 +118,3 @@ def test_the_filter_in_the_driver_is_the_filter(on_a_base, tmp_path):
         around = Obstacles(sphere, 0.05, 0.25, ("sphere 0",))
         q = filter(v=v, obstacles=around).q
         assert np.allclose(made["q"][k + 1], q, atol=1e-12)
-
-
-def test_harm_of_scenes_adds_counts_and_keeps_the_worst():
-    one = Harm(10, 1, 0, 0.2, 0.01, 0, 0, 0, 1, 4, [0.1], 5.0, 1e-3)
-    two = Harm(20, 2, 1, 0.1, -0.02, 3, 0, 1, 2, 4, [0.3], 9.0, 3e-3)
-    both = together([one, two])
-    assert (both.samples, both.touched, both.harmed, both.inside) == (30, 3, 1, 3)
-    assert (both.fastest, both.distance, both.acceleration) == (0.2, -0.02, 9.0)
-    assert both.off == [0.1, 0.3]
-    assert both.step == pytest.approx(2e-3)
-    assert one.rank < two.rank

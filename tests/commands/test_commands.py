@@ -146,9 +146,7 @@ def test_a_run_says_loudly_what_is_below_the_floor(empty_folder, capsys):
 
 
 def test_options_override_the_scenario(empty_folder, capsys):
-    argv = (
-        "run diagrams/paper_dance_upper-body.yaml --experiment wrists --level velocity "
-    )
+    argv = "run diagrams/paper.yaml --experiment wrists --level velocity "
     argv += "--constraints none --duration 0.01 --motion reaching --no-recording"
     assert main(argv.split()) == 0
     # Without --out the folder says what was run.
@@ -236,7 +234,7 @@ def where(monkeypatch):
     "command, folder",
     [
         ("run", "out/dance"),
-        ("run diagrams/paper_boxing_wrists.yaml", "out/paper_boxing_wrists"),
+        ("run diagrams/paper.yaml", "out/paper"),
         ("run dance_wrists --constraints none", "out/dance_wrists_none"),
         ("run --motion reaching", "out/reaching_upper-body"),
         ("run --motion cmu:05_02 --experiment wrists", "out/05_02_wrists"),
@@ -482,8 +480,8 @@ def test_a_run_that_penetrates_says_so_at_its_end_and_so_does_its_log(
     empty_folder, capsys
 ):
     """Without constraints, and with the paper's: a log claims nothing then."""
-    command = ["run", "paper_boxing_upper-body", "--duration", "4.5"]
-    command.append("--no-recording")
+    command = ["run", "paper", "--motion", "boxing", "--experiment", "upper-body"]
+    command += ["--duration", "4.5", "--no-recording"]
     assert main([*command, "--constraints", "none", "--out", "it"]) == 1
     run = capsys.readouterr().out.splitlines()[-1]
     assert run.startswith("VIOLATED: ") and " samples penetrate" in run
@@ -533,7 +531,6 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run --duration nan", "--duration: 'nan' is not a positive number"),
         ("run --duration long", "--duration: 'long' is not a positive number"),
         ("run dance_wrist", "no scenario 'dance_wrist'"),
-        ("run boxing_wrists", "paper's constraints it is paper_boxing_wrists"),
         ("run dance_wrist", "did you mean 'dance_wrists'?"),
         ("run diagrams/nowhere.yaml", "no scenario 'diagrams/nowhere.yaml'"),
         ("run --motion nowhere/05_02.amc", "nowhere/05_02.amc: there is no such"),
@@ -547,8 +544,6 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run obstacle_arm --frame-rate 60", "frame_rate: keyframes have times"),
         ("motion dance --frame-rate fast", "'fast' is not a positive number"),
         ("motion dance --frame-rate nan", "'nan' is not a positive number"),
-        ("sweep dance", "sweep is no command any more: `python -m benchmarks.sweep`"),
-        ("reproduce", "no command any more: `python -m benchmarks.section_iv`"),
         ("motion nowhere.amc", "nowhere.amc: there is no such motion file"),
         ("motion", "required: MOTION (see crar-drake motion --help)"),
         ("motion dance --polt x.png", "--polt; did you mean '--plot'?"),

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from benchmarks.adversary.robots import load_subject
-from benchmarks.people import Tally, hostile, run_at, witness_of
 from crar_drake import (
     ControlLaw,
     ControlModel,
@@ -24,6 +23,7 @@ from crar_drake import (
 from crar_drake.control.safety_filter import filter_parameters
 from crar_drake.equations.moving_obstacles import evading_rows
 from crar_drake.judging.obstacle_judge import ObstacleJudge
+from tests.people import Tally, hostile, run_at, witness_of
 
 PERIOD, V_OK = 0.02, 0.05
 SIZE = np.array([0.05])

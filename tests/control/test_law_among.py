@@ -1,7 +1,7 @@
 """A control law among obstacles that move: what is left of its accelerations, and that
 a simulated robot does so.
 
-Distances and speeds are those of `benchmarks.people`, by Drake's poses; the plant is
+Distances and speeds are those of `tests.people`, by Drake's poses; the plant is
 Drake's.
 """
 
@@ -13,7 +13,6 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from benchmarks.people import Tally, witness_of
 from crar_drake import (
     AddCrarController,
     AddRobot,
@@ -29,6 +28,7 @@ from crar_drake import (
 )
 from crar_drake.equations.admission import AS_NOMINAL
 from crar_drake.judging.obstacle_judge import ObstacleJudge
+from tests.people import Tally, witness_of
 
 PERIOD = 0.01
 PARAMETERS = CrarParameters(period=PERIOD).among_obstacles()

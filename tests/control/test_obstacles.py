@@ -13,7 +13,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from benchmarks.adversary.robots import load_subject
-from benchmarks.people import Person, Tally, hostile, run_at, witness_of
 from crar_drake import (
     InputError,
     LookaheadParameters,
@@ -33,6 +32,7 @@ from crar_drake.equations.moving_obstacles import (
     passing,
 )
 from crar_drake.judging.obstacle_judge import ObstacleJudge
+from tests.people import Person, Tally, hostile, run_at, witness_of
 
 PERIOD, FLOOR, V_OK = 0.02, 4e-3, 0.05
 

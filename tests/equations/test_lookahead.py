@@ -10,7 +10,6 @@ from one_sided_least_squares import (
     every_consistent_minimum,
     one_sided_least_squares,
 )
-from reference_forms import damped_weighted_pseudo_inverse
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
@@ -676,7 +675,7 @@ def test_no_constraints_is_the_papers_law() -> None:
         J = rng.normal(size=(m, n))
         v_r, a_r, qdot = rng.normal(size=m), rng.normal(size=m), rng.normal(size=n)
         solution = solve(J, v_r, a_r, qdot, no_rows(n))
-        J_star = damped_weighted_pseudo_inverse(J, np.ones(n), DAMPING)
+        J_star = J.T @ np.linalg.inv(J @ J.T + DAMPING**2 * np.eye(m))
         z = GV * (J_star @ v_r - qdot)
         alpha = J_star @ a_r
         if m < n:

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from reference_forms import error_dynamics_residual
 
 from crar_drake.equations.paper import PaperGains, weighted_acceleration
 from crar_drake.equations.references import References, reference_acceleration
@@ -167,7 +166,7 @@ def realised_error(J: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarra
     alpha_c = constrained_resolved_acceleration(alpha, qdot_c, qdot, Gv)
     e_dot = v_d - J @ qdot
     e_ddot = a_d - (J @ alpha_c + Jdot_qdot)
-    residual = error_dynamics_residual(e, e_dot, e_ddot, J, qdot_c, qdot, Kp, Kv, Gv)
+    residual = e_ddot + Kv * e_dot + Kp * e + J @ (Gv * (qdot_c - qdot))
     return residual, e_ddot
 
 

@@ -1,7 +1,4 @@
-"""The motions that this project ships, and that their script still makes them."""
-
-import runpy
-from pathlib import Path
+"""The motions that this project ships."""
 
 import numpy as np
 import pytest
@@ -18,7 +15,6 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, position_tasks
 from crar_drake.targets.motion import load_motion_targets
 
-ROOT = Path(__file__).resolve().parents[2]
 NAMES = ("boxing", "dance", "exercise", "reaching")
 STEP = 4e-3  # of the kinematic run [s]
 
@@ -30,16 +26,6 @@ def clips():
 
 def test_all_are_shipped():
     assert tuple(builtin_names()) == NAMES
-
-
-def test_files_are_what_the_script_writes(tmp_path):
-    script = runpy.run_path(str(ROOT / "examples" / "author_motions.py"))
-    script["write_motions"](tmp_path)
-    written = sorted(path.name for path in tmp_path.iterdir())
-    assert written == sorted([f"{name}.amc" for name in NAMES] + ["performer.asf"])
-    for name in written:
-        shipped = (builtin_motions_folder() / name).read_bytes()
-        assert (tmp_path / name).read_bytes() == shipped, name
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.amc_files import write_amc, write_asf
 from crar_drake.errors import MotionError
 from crar_drake.motion import report as reports
 from crar_drake.motion.formats.asf_amc import (
@@ -21,6 +20,7 @@ from crar_drake.motion.formats.asf_amc import (
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
 from crar_drake.motion.picture import plot_motion
 from crar_drake.motion.report import MotionReport, describe
+from tests.amc_files import write_amc, write_asf
 
 T = 120
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.amc_files import write_amc, write_asf
 from crar_drake.errors import MotionError
 from crar_drake.motion.formats.asf_amc import (
     Bone,
@@ -19,6 +18,7 @@ from crar_drake.motion.formats.asf_amc import (
     read_asf,
     rest_pose,
 )
+from tests.amc_files import write_amc, write_asf
 
 ASF = """\
 # a comment

@@ -1,10 +1,19 @@
-"""The option --preview, of benchmarks that run the lookahead as it comes."""
+"""Options that several benchmarks have."""
 
 import argparse
 
 from crar_drake.commands.options import positive
 from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
+
+
+def seed_number(text: str) -> int:
+    """Converts a seed of dice: a whole number that is not negative."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a whole number from 0 on, as seeds are"
+        )
+    return int(text)
 
 
 def add_preview_option(parser: argparse.ArgumentParser) -> None:

@@ -1,11 +1,8 @@
-"""Do people who run at a robot touch it while it is fast?
+"""People who run at a robot whose commands the safety filter passes.
 
-    python -m benchmarks.people [--steps 100000] [--seed 1] [--page PAGE]
-
-Spheres and capsules of bounded speed run at the links of robots whose commands the
-safety filter passes, of policies that want anything: straight at the nearest link or
-the fastest, or away, with jumps of direction, and from anywhere again after they stood
-in the robot. They are measured in every period, or lost for a while, or measured with
+Spheres and capsules of bounded speed run at its links: straight at the nearest or the
+fastest, or away, with jumps of direction, and from anywhere again after they stood in
+the robot. They are measured in every period, or lost for a while, or measured with
 noise. A violation is a contact (distance at most 0) while the surface of the link is
 faster there than `lookahead.contact_speed`.
 
@@ -14,39 +11,22 @@ distances and speeds of their own (`judging.obstacle_judge`): nothing of the fil
 takes part.
 """
 
-import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from benchmarks.adversary.judge import Judge
 from benchmarks.adversary.policies import POLICIES, Policy, Room
-from benchmarks.adversary.robots import load_subject
-from benchmarks.kept import seed_number
-from benchmarks.page import Benchmark, Table, run
 from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.safety_filter import (
-    NOMINAL,
-    SafetyFilter,
-    filter_parameters,
-)
+from crar_drake.control.safety_filter import NOMINAL, SafetyFilter
 from crar_drake.judging.obstacle_judge import ObstacleJudge
 
-ROBOTS = ("upper_body", "obstacle_arm", "jaw", "slides", "random")
-DRAWN = ("slides", "random")
-PERIODS = (0.002, 0.005, 0.01, 0.02)
 FASTEST = 2.0  # of people [m/s]
-EPISODE = 300  # periods
 INSTANTS = 4  # that are judged in each period
 # Of the start (n,) and the dice.
 MakePolicy = Callable[[np.ndarray, np.random.Generator], Policy]
 MEASURED = ("exactly", "exactly", "at times", "with noise")
-HEADER = (
-    *("robot", "steps", "left as wanted", "changed by obstacles"),
-    *("contacts", "fastest in a contact, over the speed allowed", "violations"),
-    "smallest distance while faster",
-)
 
 
 def witness_of(filter: SafetyFilter) -> ObstacleJudge:
@@ -139,18 +119,6 @@ class Tally:
         self.violations += int((touched & fast).sum())
         if fast.any():
             self.nearest = min(self.nearest, float(d[fast].min()))
-
-    def cells(self, robot: str) -> list[str]:
-        return [
-            robot,
-            f"{self.steps:,}",
-            f"{self.nominal / max(self.steps, 1):.0%}",
-            f"{self.changed / max(self.steps, 1):.0%}",
-            f"{self.contacts:,}",
-            f"{self.harm:.3f}",
-            str(self.violations),
-            f"{1e3 * self.nearest:.2f} mm" if np.isfinite(self.nearest) else "–",
-        ]
 
 
 def hostile(policy: str, filter: SafetyFilter, judge: Judge) -> MakePolicy:
@@ -249,53 +217,3 @@ def _middle(witness: ObstacleJudge, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """(3,) the middle of the links."""
     witness.look(q, v, np.zeros((1, 3)), np.zeros(1))
     return witness.places().mean(axis=0)
-
-
-def main(argv: Sequence[str] | None = None) -> None:
-    """Attacks all robots in turn, and prints or writes the table."""
-    benchmark = Benchmark("benchmarks.people", __doc__, "people")
-    parser = benchmark.parser
-    parser.add_argument("--steps", type=int, default=100_000, help="in all")
-    parser.add_argument("--seed", type=seed_number, default=1, help="of all dice")
-    parser.add_argument("--evade", action="store_true", help="the robot evades them")
-    options = benchmark.parse(
-        argv, lambda options: "evaded" if options.evade else "attacks"
-    )
-    tallies = {robot: Tally() for robot in ROBOTS}
-    filters: dict[tuple, SafetyFilter] = {}
-    episode = 0
-    while sum(tally.steps for tally in tallies.values()) < options.steps:
-        rng = np.random.default_rng([options.seed, episode])
-        robot = ROBOTS[episode % len(ROBOTS)]
-        period = float(rng.choice(PERIODS))
-        contact_speed = float(rng.choice([0.02, 0.05, 0.25]))
-        policy = str(rng.choice(list(POLICIES)))
-        drawn = episode // len(ROBOTS) % 8
-        subject = load_subject(robot, drawn)
-        key = robot, drawn if robot in DRAWN else 0, period, contact_speed
-        if key not in filters:
-            model = subject.model(subject.task_set(0))
-            ahead = filter_parameters(period)
-            ahead = replace(ahead, contact_speed=contact_speed, evade=options.evade)
-            filters[key] = SafetyFilter(model, period, ahead)
-        filter, judge = filters[key], subject.filter(period)[1]
-        before = tallies[robot].violations
-        dice = int(rng.integers(2**31))
-        run_at(filter, hostile(policy, filter, judge), EPISODE, dice, tallies[robot])
-        if tallies[robot].violations > before:
-            print(f"violated: episode {episode}, {key}, {policy}", file=sys.stderr)
-        episode += 1
-        if episode % 40 == 0:
-            print(f"{episode} episodes", file=sys.stderr)
-    rows = [tally.cells(robot) for robot, tally in tallies.items()]
-    steps = sum(tally.steps for tally in tallies.values())
-    violations = sum(tally.violations for tally in tallies.values())
-    found = (
-        f"{episode} episodes, {steps:,} steps, each judged at {INSTANTS} instants: "
-        f"{violations} contacts at more than the speed allowed."
-    )
-    benchmark.report([Table(HEADER, rows)], found)
-
-
-if __name__ == "__main__":
-    run(main)

@@ -18,7 +18,6 @@ from crar_drake.commands.folders import (
 )
 from crar_drake.commands.options import UsageError, add_command, add_jobs, positive
 from crar_drake.commands.output import OUT, counted, final_line, label
-from crar_drake.errors import few
 
 if TYPE_CHECKING:
     from crar_drake.references.clean_file import CleanedClip
@@ -115,7 +114,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="as --retime, and where a joint that carries no foot needs more than its "
         "effort limit",
     )
-    add_balance(parser)
     parser.add_argument(
         "--no-page",
         action="store_true",
@@ -124,21 +122,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     )
     add_jobs(parser)
 
-
-def add_balance(parser: argparse.ArgumentParser) -> None:
-    """Adds --balance."""
-    parser.add_argument(
-        "--balance",
-        action="store_true",
-        help="move root and joints so that, while feet stand, the ground could give "
-        "what the motion takes: centres of pressure inside the support, that of the "
-        "other foot where one is lifted, as far as they can be had; says in what share "
-        "of the frames, before and after, and in which not; a lift of a foot that is "
-        "not balanced so is a violation",
-    )
-
-
-_MOST = 6  # frames, and lifts, that are reported one by one
 
 # Unit of --at-most: metres or radians in it.
 _UNITS = {
@@ -245,7 +228,6 @@ def _options(arguments: argparse.Namespace) -> dict:
         "frames": arguments.frames,
         "ground": arguments.ground,
         "retime": arguments.retime,
-        "balance": arguments.balance,
         "at_most": AtMost(**arguments.at_most),
     }
 
@@ -253,9 +235,6 @@ def _options(arguments: argparse.Namespace) -> dict:
 def violations(clips: Sequence[CleanedClip]) -> list[str]:
     """What motions still violate, in a few words each."""
     unclear = sum(not c.between >= 0.0 or c.meshes_unclear > 0 for c in clips)
-    lifts = "of a foot not balanced on what stays"
-    if len(clips) == 1:
-        lifts += f": {few(clips[0].lifted_outside.split(', '), _MOST)}"
     return [
         *counted(sum(c.penetrating for c in clips), "frame", "penetrate{s}"),
         *counted(sum(c.beyond_limit for c in clips), "frame", "beyond a joint limit"),
@@ -269,7 +248,6 @@ def violations(clips: Sequence[CleanedClip]) -> list[str]:
             "with meshes that penetrate",
         ),
         *counted(unclear, "motion", "with a way between frames that is not clear"),
-        *counted(sum(max(c.lifts_outside, 0) for c in clips), "lift", lifts),
         *counted(
             sum(bool(c.exceeded) for c in clips),
             "motion",
@@ -329,7 +307,6 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         f"{_millimetres(clip.feet_rms, clip.feet_worst)}; hands "
         f"{_millimetres(clip.hands_rms, clip.hands_worst)}; jerk of the joints "
         f"{clip.jerk_before:.0f} and {clip.jerk:.0f} rad/s^3 rms",
-        *balance_lines(clip),
         f"{clip.seconds:.1f} s of a processor, {clip.times_real_time:.1f} x real time",
     ]
     if clip.raised:
@@ -377,46 +354,6 @@ def clip_lines(clip: CleanedClip) -> list[str]:
             f"{clip.meshes_unclear} ways between frames"
         )
     return lines
-
-
-def balance_lines(clip: CleanedClip) -> list[str]:
-    """What balancing made of a motion, in words; nothing if it was not asked for."""
-    if clip.stands < 0:
-        return []
-    if not clip.stands:
-        return ["balance: no foot is planted in any frame, so that nothing was changed"]
-    return [
-        f"balance: the ground could give what the motion takes in "
-        f"{100 * clip.given_before:.0f} % and {100 * clip.given:.0f} % of the frames "
-        f"that stand ({clip.stands} of {clip.frames}; flights are left out), before "
-        "and after; in 95 % of them the centre of pressure is outside the support by "
-        f"at most {_outside(clip.outside_before)} and {_outside(clip.outside)}; the "
-        f"root moved {_millimetres(clip.root_rms, clip.root_worst)} (a note on "
-        "feasibility, not a promise)",
-        *_outside_lines(clip),
-    ]
-
-
-def _outside_lines(clip: CleanedClip) -> list[str]:
-    """Where the ground could not give what a motion takes, and its lifts of a foot; the
-    certificate has all of them."""
-    lines = []
-    if clip.outside_in:
-        first = few(clip.outside_in.split(", "), _MOST)
-        lines.append(f"balance: outside in frames {first}")
-    for lifts in counted(clip.lifts, "lift", "of a foot"):
-        which = "all balanced on the other"
-        if clip.lifts_outside:
-            first = few(clip.lifted_outside.split(", "), _MOST)
-            which = f"of which {clip.lifts_outside} not balanced on the other: {first}"
-        lines.append(f"balance: {lifts}, {which}")
-    return lines
-
-
-def _outside(length: float) -> str:
-    if math.isinf(length):
-        return "any distance (the ground had to pull)"
-    return f"{1e3 * max(length, 0.0):.0f} mm"
 
 
 def _millimetres(rms: float, worst: float) -> str:

@@ -12,24 +12,20 @@ a controller would keep the robot up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces, QuaternionFloatingJoint
 from scipy.spatial import ConvexHull, QhullError
-from scipy.spatial.transform import Slerp
 
 from crar_drake.errors import ModelError
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 
-ON_THE_FLOOR = (
-    0.01  # [m] above the floor that points of a planted foot support, at most
-)
+# Points of a planted foot support that are not higher above the floor [m].
+_ON_THE_FLOOR = 0.01
 _LEAST_FORCE = 0.05  # of the weight, below which there is no centre of pressure
-# Shares of a way, and their weights, for its mean (Gauss's rule of three places).
-_GAUSS = tuple((0.5 + x * 0.15**0.5, w / 18.0) for x, w in ((-1, 5), (0, 8), (1, 5)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +36,9 @@ class GroundWrench:
     moment: np.ndarray  # (T, 3) about the world's origin [Nm]
     weight: float  # of the robot [N]
 
-    def centres(self, floor: float | np.ndarray = 0.0) -> np.ndarray:
-        """(T, 2) centres of pressure on the floor [m], which may be at another height
-        in each frame (T,); NaN where hardly anything pushes upwards."""
+    def centres(self, floor: float = 0.0) -> np.ndarray:
+        """(T, 2) centres of pressure on the floor, at a height [m]; NaN where hardly
+        anything pushes upwards."""
         f, n = self.force, self.moment
         up = np.where(f[:, 2] > _LEAST_FORCE * self.weight, f[:, 2], np.nan)
         # n - c x f has no x and no y, with c on the floor.
@@ -105,70 +101,6 @@ def _step_velocities(
     return motion.rate * steps
 
 
-def _on_ways(motion: RobotMotion, share: float) -> RobotMotion:
-    """The T - 1 postures at a share of these ways."""
-    frames = np.arange(motion.num_frames)
-    turned = Slerp(frames, motion.root_rotations)(frames[:-1] + share)
-    joints, places = (
-        x[:-1] + share * np.diff(x, axis=0)
-        for x in (motion.joint_positions, motion.root_positions)
-    )
-    return replace(
-        motion,
-        root_positions=places,
-        root_quaternions=turned.as_quat()[:, [3, 0, 1, 2]],
-        joint_positions=joints,
-    )
-
-
-def mean_wrench(
-    robot: WholeBody, root: QuaternionFloatingJoint, motion: RobotMotion
-) -> GroundWrench:
-    """The mean wrench from the frame before to the frame after: what changes the mean
-    momentum of the step before to that of the step after, and holds the weight.
-
-    Instants count the more, the nearer they are to the frame. The force is so whatever
-    the motion does between frames, the moment if it goes straight. The cone of what the
-    ground can give is convex: while what is planted stays the same, the ground can give
-    in the mean what it can give at each instant.
-
-    Args:
-        robot: that moves.
-        root: by which it floats.
-        motion: with its joints in the robot's order.
-
-    Returns:
-        Of T frames; NaN in the first and the last.
-    """
-    plant, T = robot.plant, motion.num_frames
-    context = plant.CreateDefaultContext()
-    mass, gravity = plant.CalcTotalMass(context), plant.gravity_field().gravity_vector()
-    weight = -mass * gravity
-    wrench = np.full((T, 6), np.nan)
-    if T > 2:
-        v = _step_velocities(robot, root, motion)
-        L, before, after = np.zeros((3, T - 1, 3))
-        for share, rule in _GAUSS:
-            q = _positions(robot, root, _on_ways(motion, share))
-            for t in range(T - 1):
-                plant.SetPositions(context, q[t])
-                plant.SetVelocities(context, v[t])
-                h = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
-                L[t] += rule * h.rotational()
-                p_WC = plant.CalcCenterOfMassPositionInWorld(context)
-                held = rule * np.cross(p_WC, weight)
-                before[t] += share * held
-                after[t] += (1.0 - share) * held
-        rate = motion.rate
-        wrench[1:-1, :3] = rate * np.diff(L, axis=0) + before[:-1] + after[1:]
-        centres = np.empty((T, 3))
-        for t, whole in enumerate(_positions(robot, root, motion)):
-            plant.SetPositions(context, whole)
-            centres[t] = plant.CalcCenterOfMassPositionInWorld(context)
-        wrench[1:-1, 3:] = mass * rate**2 * np.diff(centres, 2, axis=0) + weight
-    return GroundWrench(wrench[:, 3:], wrench[:, :3], float(np.linalg.norm(weight)))
-
-
 def ground_wrench(
     plant: MultibodyPlant, q: np.ndarray, v: np.ndarray, vdot: np.ndarray
 ) -> GroundWrench:
@@ -225,7 +157,7 @@ def outside_support(
     outside = np.full(len(centres), np.nan)
     for t in np.flatnonzero(np.isfinite(centres).all(axis=1)):
         points = [
-            p[t][p[t][:, 2] <= floor + ON_THE_FLOOR][:, :2]
+            p[t][p[t][:, 2] <= floor + _ON_THE_FLOOR][:, :2]
             for foot, p in soles.items()
             if planted[foot][t]
         ]

@@ -98,7 +98,6 @@ class RetargetOptions:
     rate: float = RATE  # frames per second to be written [Hz]
     # what is wanted
     parameters: RetargetingParameters = field(default_factory=RetargetingParameters)
-    balance: bool = False  # whether motions are balanced then (`balancing`)
 
     def __post_init__(self) -> None:
         check_rate(self.rate)
@@ -116,7 +115,6 @@ class RetargetOptions:
             "read with": {path.name: file_hash(path) for path in besides},
             "layout": self.layout,
             "rate": self.rate,
-            "balance": self.balance,
         }
 
 
@@ -171,9 +169,7 @@ class FileRetargeter:
         self.retargeter = Retargeter(
             description, options.parameters, self._robot.outlines
         )
-        self._cleaner = MotionCleaner(
-            self._robot, CLEANING, part_meshes=False, balance=options.balance
-        )
+        self._cleaner = MotionCleaner(self._robot, CLEANING, part_meshes=False)
         self._outline = Outline(self._robot)
         meshes, names = (
             self._cleaner.uncovered.meshes,

@@ -100,19 +100,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     )
     parser.add_argument(
         "--retime",
-        action="store_const",
-        const="speeds",
-        default="",
+        action="store_true",
         help="slow a motion down where a joint is faster than its limit (default: it "
         "stays in time, and the joint lags)",
-    )
-    parser.add_argument(
-        "--retime-torques",
-        action="store_const",
-        const="torques",
-        dest="retime",
-        help="as --retime, and where a joint that carries no foot needs more than its "
-        "effort limit",
     )
     parser.add_argument(
         "--no-page",
@@ -240,9 +230,6 @@ def violations(clips: Sequence[CleanedClip]) -> list[str]:
         *counted(sum(c.beyond_limit for c in clips), "frame", "beyond a joint limit"),
         *counted(sum(c.too_fast for c in clips), "frame", "beyond a speed limit"),
         *counted(
-            sum(max(c.too_strong, 0) for c in clips), "frame", "beyond an effort limit"
-        ),
-        *counted(
             sum(max(c.meshes_penetrating, 0) for c in clips),
             "frame",
             "with meshes that penetrate",
@@ -317,12 +304,7 @@ def clip_lines(clip: CleanedClip) -> list[str]:
     if clip.slowed:
         lines.append(
             f"slowed down: it takes {clip.slowed:.2f} s longer, so that no joint is "
-            "too fast" + ("" if clip.too_strong < 0 else ", or needs too much torque")
-        )
-    if clip.too_strong >= 0:
-        lines.append(
-            "torques, of joints that carry no foot: beyond an effort limit in "
-            f"{clip.too_strong_before} frames before, {clip.too_strong} after"
+            "too fast"
         )
     if clip.exceeded:
         lines.append(f"changed by more than is allowed: {clip.exceeded}")

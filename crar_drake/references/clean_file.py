@@ -33,7 +33,6 @@ from crar_drake.references.change import (
 )
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
 from crar_drake.references.ground_contact import CarryingHands, Outline
-from crar_drake.references.joint_torques import JointTorques
 from crar_drake.references.layouts import LAYOUTS, check_written
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_certificate import CertifiedClip, make_certificate
@@ -83,10 +82,6 @@ class CleanedClip(Change):
     # by how much it was set on the ground; 0 if that was not asked for [m]
     raised: float = 0.0
     slowed: float = 0.0  # by how much longer it takes; 0 if that was not asked for [s]
-    # frames in which a joint that carries no foot needs more than its effort limit
-    # (`joint_torques`); -1 if that was not asked for
-    too_strong_before: int = -1
-    too_strong: int = -1  # and after
     # frame and pair of the deepest penetration, in words; "" without one
     deepest: str = ""
     # what changed by more than was allowed, in words; "" if nothing did
@@ -105,7 +100,6 @@ class CleanedClip(Change):
         """Whether anything is left, a way between frames is not shown to be clear, or
         it changed by more than was allowed."""
         left = self.penetrating or self.beyond_limit or self.too_fast
-        left = left or self.too_strong > 0
         meshes = self.meshes_penetrating > 0 or self.meshes_unclear > 0
         return bool(left or meshes or self.exceeded) or not self.between >= 0.0
 
@@ -151,9 +145,8 @@ class FileOptions:
     rate: float | None = None  # of those that do not say theirs [Hz]
     frames: Frames = (1, None)  # those that are kept
     ground: bool = False  # whether motions are then set on the ground (`set_on_ground`)
-    # "speeds": motions are slowed down first where joints are too fast (`retimed`);
-    # "torques": and where they need more than they can give
-    retime: str = ""
+    # whether motions are slowed down first where joints are too fast (`retimed`)
+    retime: bool = False
     # how far they may change; one that changed by more is written as well
     at_most: AtMost = ANY_CHANGE
 
@@ -266,7 +259,7 @@ class MotionCleaner:
         robot: WholeBody,
         parameters: CleaningParameters,
         part_meshes: bool = True,
-        retime: str = "",
+        retime: bool = False,
     ) -> None:
         """
         Args:
@@ -274,14 +267,12 @@ class MotionCleaner:
             parameters: what changing the least means, and what is kept.
             part_meshes: whether meshes that touch are parted; else that was tried
                 before.
-            retime: what motions are slowed down for, as of `FileOptions`.
+            retime: as of `FileOptions`.
 
         Raises:
-            ModelError: as `Cleaner`, and as `JointTorques` if motions are to be slowed
-                down for torques.
+            ModelError: as `Cleaner`.
         """
         self._retime = retime
-        self._torques = JointTorques(robot) if retime == "torques" else None
         self._robot, self._parameters = robot, parameters
         self.uncovered, self._carrying = Uncovered(robot), CarryingHands(robot)
         self._meshes = self.uncovered.meshes if part_meshes else None
@@ -354,9 +345,6 @@ class MotionCleaner:
                 row = _row(raised_before, after, margins, meshes, cleaner, robot)
                 slowed = before.duration - first.duration
                 row = replace(row, seconds=took, raised=rise, slowed=slowed)
-                if self._torques is not None:
-                    was, now = (self._too_strong(m) for m in (first, after))
-                    row = replace(row, too_strong_before=was, too_strong=now)
                 rows.append(replace(row, exceeded=at_most.exceeded(row)))
             certificate = make_certificate(
                 folder / out.name,
@@ -394,20 +382,14 @@ class MotionCleaner:
 
     def _slower(self, motion: RobotMotion) -> Callable[[RobotMotion], np.ndarray]:
         """What `retimed` asks for."""
-        cleaner, torques = self._of_rate(motion.rate), self._torques
+        cleaner = self._of_rate(motion.rate)
         columns, fastest = _columns(motion, cleaner), cleaner.fastest
 
         def slower(motion: RobotMotion) -> np.ndarray:
             steps = np.abs(np.diff(motion.joint_positions[:, columns], axis=0))
-            share = (steps / fastest).max(axis=1)
-            return (
-                share if torques is None else np.maximum(share, torques.slower(motion))
-            )
+            return (steps / fastest).max(axis=1)
 
         return slower
-
-    def _too_strong(self, motion: RobotMotion) -> int:
-        return _count(self._torques.shares(motion) > 1.0)
 
 
 def _columns(motion: RobotMotion, cleaner: Cleaner) -> list[int]:

@@ -20,8 +20,6 @@ from pydrake.multibody.tree import MultibodyForces, QuaternionFloatingJoint
 from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.errors import ModelError
-from crar_drake.references.robot_motion import RobotMotion
-from crar_drake.references.whole_body import WholeBody
 
 # Points of a planted foot support that are not higher above the floor [m].
 _ON_THE_FLOOR = 0.01
@@ -53,52 +51,6 @@ class GroundWrench:
             self.force[:, 2] > _LEAST_FORCE * self.weight, self.force[:, 2], np.nan
         )
         return np.linalg.norm(self.force[:, :2], axis=1) / up
-
-
-def plant_motion(
-    robot: WholeBody, root: QuaternionFloatingJoint | None, motion: RobotMotion
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q (T, nq), v and vdot (T, nv) of a motion; its first and last frame move as those
-    beside them.
-
-    Args:
-        robot: that moves.
-        root: by which it floats; None if its base is fixed.
-        motion: with its joints in the robot's order.
-    """
-    q = _positions(robot, root, motion)
-    v, vdot = np.zeros((2, motion.num_frames, robot.plant.num_velocities()))
-    if motion.num_frames > 2:
-        steps = _step_velocities(robot, root, motion)
-        v[1:-1] = 0.5 * (steps[1:] + steps[:-1])
-        vdot[1:-1] = motion.rate * np.diff(steps, axis=0)
-        for x in (v, vdot):
-            x[0], x[-1] = x[1], x[-2]
-    return q, v, vdot
-
-
-def _positions(
-    robot: WholeBody, root: QuaternionFloatingJoint | None, motion: RobotMotion
-) -> np.ndarray:
-    """(T, nq) of the plant."""
-    q = robot.configurations(motion.joint_positions)
-    if root is not None:
-        at = root.position_start()
-        q[:, at : at + 4] = motion.root_rotations.as_quat()[:, [3, 0, 1, 2]]
-        q[:, at + 4 : at + 7] = motion.root_positions
-    return q
-
-
-def _step_velocities(
-    robot: WholeBody, root: QuaternionFloatingJoint | None, motion: RobotMotion
-) -> np.ndarray:
-    """(T - 1, nv) of the straight ways from each frame to the next."""
-    steps = robot.velocities(np.diff(motion.joint_positions, axis=0))
-    if root is not None:
-        at, rotations = root.velocity_start(), motion.root_rotations
-        steps[:, at : at + 3] = (rotations[1:] * rotations[:-1].inv()).as_rotvec()
-        steps[:, at + 3 : at + 6] = np.diff(motion.root_positions, axis=0)
-    return motion.rate * steps
 
 
 def ground_wrench(

@@ -36,7 +36,6 @@ def test_wheel_carries_data(wheel: Path) -> None:
         "crar_drake/models/g1/import.yaml",
         "crar_drake/diagrams/dance_wrists.yaml",
         "crar_drake/motion/builtin/dance.amc",
-        "crar_drake/motion/known_trials.csv",
         "crar_drake/results/page/page.html",
         "crar_drake/results/page/page.css",
         "crar_drake/results/page/page.js",

@@ -5,7 +5,7 @@ Everywhere a motion is one of:
 - a path to an AMC file: `some/05_02.amc`. Its skeleton is given, or lies beside it:
   `05_02.asf`, `05.asf`, or the only ASF file of the folder.
 - a path to a file of another format: BVH, C3D, TRC, MVNX, turns of a body model
-  (AMASS, GVHMR, WHAM), or joint positions (NPZ, NPY, CSV).
+  (AMASS, WHAM), or joint positions (NPZ, NPY, CSV).
 - a trial of the CMU Graphics Lab database: `cmu:05_02`, looked up in the folders of
   the environment variable CRAR_MOCAP_PATH, which are laid out like the database's own
   site: `subjects/05/05.asf`, `subjects/05/05_02.amc`.
@@ -27,7 +27,6 @@ from crar_drake.motion.formats.point_arrays import PointArrays, read_point_array
 from crar_drake.motion.formats.smpl import (
     SmplMotion,
     holds_smpl,
-    read_gvhmr,
     read_smpl,
     read_wham,
 )
@@ -61,7 +60,6 @@ _FORMATS = {
     ".mvnx": read_mvnx,
     ".npz": _read_npz,
     ".npy": read_point_arrays,
-    ".pt": read_gvhmr,
     ".pkl": read_wham,
     ".csv": read_point_arrays,
 }

@@ -33,7 +33,7 @@ from crar_drake.references.change import (
 )
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
 from crar_drake.references.ground_contact import CarryingHands, Outline
-from crar_drake.references.layouts import LAYOUTS, check_written
+from crar_drake.references.layouts import LAYOUTS, layout_named
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_certificate import CertifiedClip, make_certificate
 from crar_drake.references.motion_files import read_motions, write_motions
@@ -124,9 +124,9 @@ def clean_file(
         options: see `FileOptions`.
 
     Raises:
-        MotionError: the file cannot be read, is of another robot or of a layout that is
-            not written, ends before the frames that are kept, or a joint is beyond its
-            limits by more than a turn.
+        MotionError: the file cannot be read, is of another robot or of no known layout,
+            ends before the frames that are kept, or a joint is beyond its limits by
+            more than a turn.
         ModelError: the robot is not there, not one that can be cleaned for, or lacks
             what an option asks for.
         WriteError: the file or its certificate cannot be written.
@@ -204,7 +204,6 @@ class FileCleaner:
         motions = read_motions(
             reference, options.layout, options.rate, robot=self._robot
         )
-        check_written(reference, motions[0].layout)
         motions = [trimmed(motion, options.frames) for motion in motions]
         for motion in motions:
             _check_units(motion, self._robot, options.frames[0])
@@ -240,7 +239,8 @@ def _check_units(motion: RobotMotion, robot: WholeBody, first: int) -> None:
 
 
 def _check_places(reference: Path, out: Path, options: FileOptions) -> None:
-    check_written(reference, options.layout)
+    if options.layout:
+        layout_named(options.layout)
     check_file(out)
     check_certificate_place(out)
     if out.exists() and reference.exists() and os.path.samefile(reference, out):

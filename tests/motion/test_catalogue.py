@@ -132,7 +132,7 @@ def test_missing_and_wrong_files_name_the_remedy(tmp_path):
     assert "no such motion file" in refusal(str(tmp_path / "folder.amc"))
 
 
-@pytest.mark.parametrize("suffix", ["bvh", "npz", "csv", "pkl", "pt", "amc", "motion"])
+@pytest.mark.parametrize("suffix", ["bvh", "npz", "csv", "pkl", "amc"])
 def test_a_pointer_of_git_lfs_is_told(suffix: str, tmp_path) -> None:
     """What a clone without Git LFS has in a file's place, as the format's pages say."""
     path = tmp_path / f"walk.{suffix}"
@@ -140,10 +140,9 @@ def test_a_pointer_of_git_lfs_is_told(suffix: str, tmp_path) -> None:
         "version https://git-lfs.github.com/spec/v1\n"
         f"oid sha256:{'0' * 64}\nsize 164520\n"
     )
-    if suffix != "motion":  # of a robot alone
-        with pytest.raises(MotionError, match="walk.*pointer of Git LFS.*git lfs pull"):
-            load_performer(path)
-    if suffix not in ("bvh", "amc", "pt"):  # of a person alone
+    with pytest.raises(MotionError, match="walk.*pointer of Git LFS.*git lfs pull"):
+        load_performer(path)
+    if suffix not in ("bvh", "amc"):  # of a person alone
         with pytest.raises(MotionError, match="walk.*pointer of Git LFS.*git lfs pull"):
             read_motion(path)
 

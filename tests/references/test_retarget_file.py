@@ -201,10 +201,6 @@ def test_the_layout_is_the_usual_one_of_the_suffix(tmp_path, made, name, layout)
             ["PERSON", "--out", "a.csv", "--layout", "gmr-pkl"],
             "a.csv: .* not of layout gmr-pkl",
         ),
-        (
-            ["PERSON", "--out", "a.motion", "--layout", "proto-motion"],
-            "proto-motion is read, but not written",
-        ),
         (["PERSON", "--rate", "0"], "'0' is not a positive number"),
         (["PERSON", "--rate", "1e9"], "the rate is 1e.09 Hz; .* at most 100000 Hz"),
         (["PERSON", "--robot", "CHAIN"], "needs the task_frames left_elbow, "),

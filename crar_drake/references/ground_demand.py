@@ -94,9 +94,9 @@ def outside_support(
     centres: np.ndarray,
     soles: dict[str, np.ndarray],
     planted: dict[str, np.ndarray],
-    floor: float = 0.0,
 ) -> np.ndarray:
-    """(T,) how far each centre of pressure is outside the support [m].
+    """(T,) how far each centre of pressure on the floor z = 0 is outside the support
+    [m].
 
     It is 0 or less inside, and NaN where there is no centre or no foot is planted.
 
@@ -104,12 +104,11 @@ def outside_support(
         centres: (T, 2) [m].
         soles: foot to (T, V, 3) points of its surface [m].
         planted: foot to (T,) whether it is planted.
-        floor: height of the floor [m].
     """
     outside = np.full(len(centres), np.nan)
     for t in np.flatnonzero(np.isfinite(centres).all(axis=1)):
         points = [
-            p[t][p[t][:, 2] <= floor + _ON_THE_FLOOR][:, :2]
+            p[t][p[t][:, 2] <= _ON_THE_FLOOR][:, :2]
             for foot, p in soles.items()
             if planted[foot][t]
         ]

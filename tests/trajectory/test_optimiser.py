@@ -7,14 +7,12 @@ import pytest
 from scipy.optimize import minimize
 
 from crar_drake.errors import CrarError
-from crar_drake.trajectory import optimiser
 from crar_drake.trajectory.distance_rows import NearRows
 from crar_drake.trajectory.optimiser import (
     AtFrames,
     Part,
     Problem,
     Samples,
-    spread,
 )
 
 FRAMES, M = 12, 2
@@ -203,40 +201,3 @@ def test_one_that_cannot_be_had_ends_and_is_as_near_as_may_be():
     part.begin()
     part.solve(FRAMES)
     assert np.isfinite(part.y).all() and disc(part.y)[0].max() < 0.01
-
-
-@pytest.mark.parametrize("by", [0, 1, 3, 50])
-def test_a_mask_spreads_to_both_sides(by):
-    mask = np.zeros(20, dtype=bool)
-    mask[[4, 12]] = True
-    expected = [any(abs(k - i) <= by for i in (4, 12)) for k in range(20)]
-    np.testing.assert_array_equal(spread(mask, by), expected)
-
-
-def test_gaps_of_one_or_two_frames_are_closed():
-    mask = np.array([1, 0, 1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0], dtype=bool)
-    closed = np.array([1, 1, 1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 0, 0], dtype=bool)
-    np.testing.assert_array_equal(optimiser._closed(mask), closed)
-
-
-def test_a_way_is_gone_if_its_end_is_lower_else_to_the_least_of_dense_samples():
-    rng = np.random.default_rng(3)
-    u = np.linspace(0.0, 1.0, 100_001)
-    whole, inner = 0, 0
-    for _ in range(80):
-        lacks = [rng.normal(size=5), rng.normal(size=(2, 3))]
-        going = [rng.normal(size=5), rng.normal(size=(2, 3))]
-        straight, weights = (-rng.uniform(0.0, 9.0), rng.uniform(0.0, 9.0)), (3.0, 7.0)
-        height = u * straight[0] + 0.5 * u**2 * straight[1]
-        for c, g, rho in zip(lacks, going, weights, strict=True):
-            kinks = np.maximum(0.0, c.ravel() - u[:, None] * g.ravel())
-            height += 0.5 * rho * (kinks**2).sum(axis=1)
-        found = optimiser._share_of_way(straight, lacks, going, weights)
-        if height[-1] < height[0]:
-            assert found == 1.0
-            whole += 1
-            continue
-        best = u[height.argmin()]
-        assert best - 1e-5 <= found <= best + 0.5**optimiser._HALVINGS + 1e-5
-        inner += best > 0.0
-    assert whole > 5 and inner > 5

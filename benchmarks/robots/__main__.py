@@ -2,7 +2,6 @@
 
     pip install '.[robots-table,compiled]'
     pip install --no-deps 'holosoma-retargeting>=0.1'  # without torch
-    crar-drake fetch 05_02
     python -m benchmarks.robots --duration 4 --sheets out/sheets \\
         --page docs/measurements/robots.md
 

@@ -18,7 +18,6 @@ from crar_drake.commands.folders import (
 )
 from crar_drake.commands.options import UsageError, add_command, add_jobs, positive
 from crar_drake.commands.output import OUT, counted, final_line, label
-from crar_drake.errors import few
 
 if TYPE_CHECKING:
     from crar_drake.references.clean_file import CleanedClip
@@ -101,21 +100,10 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     )
     parser.add_argument(
         "--retime",
-        action="store_const",
-        const="speeds",
-        default="",
+        action="store_true",
         help="slow a motion down where a joint is faster than its limit (default: it "
         "stays in time, and the joint lags)",
     )
-    parser.add_argument(
-        "--retime-torques",
-        action="store_const",
-        const="torques",
-        dest="retime",
-        help="as --retime, and where a joint that carries no foot needs more than its "
-        "effort limit",
-    )
-    add_balance(parser)
     parser.add_argument(
         "--no-page",
         action="store_true",
@@ -124,21 +112,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     )
     add_jobs(parser)
 
-
-def add_balance(parser: argparse.ArgumentParser) -> None:
-    """Adds --balance."""
-    parser.add_argument(
-        "--balance",
-        action="store_true",
-        help="move root and joints so that, while feet stand, the ground could give "
-        "what the motion takes: centres of pressure inside the support, that of the "
-        "other foot where one is lifted, as far as they can be had; says in what share "
-        "of the frames, before and after, and in which not; a lift of a foot that is "
-        "not balanced so is a violation",
-    )
-
-
-_MOST = 6  # frames, and lifts, that are reported one by one
 
 # Unit of --at-most: metres or radians in it.
 _UNITS = {
@@ -245,7 +218,6 @@ def _options(arguments: argparse.Namespace) -> dict:
         "frames": arguments.frames,
         "ground": arguments.ground,
         "retime": arguments.retime,
-        "balance": arguments.balance,
         "at_most": AtMost(**arguments.at_most),
     }
 
@@ -253,23 +225,16 @@ def _options(arguments: argparse.Namespace) -> dict:
 def violations(clips: Sequence[CleanedClip]) -> list[str]:
     """What motions still violate, in a few words each."""
     unclear = sum(not c.between >= 0.0 or c.meshes_unclear > 0 for c in clips)
-    lifts = "of a foot not balanced on what stays"
-    if len(clips) == 1:
-        lifts += f": {few(clips[0].lifted_outside.split(', '), _MOST)}"
     return [
         *counted(sum(c.penetrating for c in clips), "frame", "penetrate{s}"),
         *counted(sum(c.beyond_limit for c in clips), "frame", "beyond a joint limit"),
         *counted(sum(c.too_fast for c in clips), "frame", "beyond a speed limit"),
-        *counted(
-            sum(max(c.too_strong, 0) for c in clips), "frame", "beyond an effort limit"
-        ),
         *counted(
             sum(max(c.meshes_penetrating, 0) for c in clips),
             "frame",
             "with meshes that penetrate",
         ),
         *counted(unclear, "motion", "with a way between frames that is not clear"),
-        *counted(sum(max(c.lifts_outside, 0) for c in clips), "lift", lifts),
         *counted(
             sum(bool(c.exceeded) for c in clips),
             "motion",
@@ -329,7 +294,6 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         f"{_millimetres(clip.feet_rms, clip.feet_worst)}; hands "
         f"{_millimetres(clip.hands_rms, clip.hands_worst)}; jerk of the joints "
         f"{clip.jerk_before:.0f} and {clip.jerk:.0f} rad/s^3 rms",
-        *balance_lines(clip),
         f"{clip.seconds:.1f} s of a processor, {clip.times_real_time:.1f} x real time",
     ]
     if clip.raised:
@@ -340,12 +304,7 @@ def clip_lines(clip: CleanedClip) -> list[str]:
     if clip.slowed:
         lines.append(
             f"slowed down: it takes {clip.slowed:.2f} s longer, so that no joint is "
-            "too fast" + ("" if clip.too_strong < 0 else ", or needs too much torque")
-        )
-    if clip.too_strong >= 0:
-        lines.append(
-            "torques, of joints that carry no foot: beyond an effort limit in "
-            f"{clip.too_strong_before} frames before, {clip.too_strong} after"
+            "too fast"
         )
     if clip.exceeded:
         lines.append(f"changed by more than is allowed: {clip.exceeded}")
@@ -377,46 +336,6 @@ def clip_lines(clip: CleanedClip) -> list[str]:
             f"{clip.meshes_unclear} ways between frames"
         )
     return lines
-
-
-def balance_lines(clip: CleanedClip) -> list[str]:
-    """What balancing made of a motion, in words; nothing if it was not asked for."""
-    if clip.stands < 0:
-        return []
-    if not clip.stands:
-        return ["balance: no foot is planted in any frame, so that nothing was changed"]
-    return [
-        f"balance: the ground could give what the motion takes in "
-        f"{100 * clip.given_before:.0f} % and {100 * clip.given:.0f} % of the frames "
-        f"that stand ({clip.stands} of {clip.frames}; flights are left out), before "
-        "and after; in 95 % of them the centre of pressure is outside the support by "
-        f"at most {_outside(clip.outside_before)} and {_outside(clip.outside)}; the "
-        f"root moved {_millimetres(clip.root_rms, clip.root_worst)} (a note on "
-        "feasibility, not a promise)",
-        *_outside_lines(clip),
-    ]
-
-
-def _outside_lines(clip: CleanedClip) -> list[str]:
-    """Where the ground could not give what a motion takes, and its lifts of a foot; the
-    certificate has all of them."""
-    lines = []
-    if clip.outside_in:
-        first = few(clip.outside_in.split(", "), _MOST)
-        lines.append(f"balance: outside in frames {first}")
-    for lifts in counted(clip.lifts, "lift", "of a foot"):
-        which = "all balanced on the other"
-        if clip.lifts_outside:
-            first = few(clip.lifted_outside.split(", "), _MOST)
-            which = f"of which {clip.lifts_outside} not balanced on the other: {first}"
-        lines.append(f"balance: {lifts}, {which}")
-    return lines
-
-
-def _outside(length: float) -> str:
-    if math.isinf(length):
-        return "any distance (the ground had to pull)"
-    return f"{1e3 * max(length, 0.0):.0f} mm"
 
 
 def _millimetres(rms: float, worst: float) -> str:

@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> None:
     scenarios = {name: load_scenario(name).description for name in scenario_names()}
     for title, entries in (
         ("Robots, which a scenario names (crar-drake import-robot adds more)", robots),
-        ("Motions, for run --motion (crar-drake fetch adds more)", motions),
+        ("Motions, for run --motion (and any file of a person's motion)", motions),
         ("Scenarios, for crar-drake run", scenarios),
     ):
         print(title)

@@ -25,7 +25,7 @@ CONSTRAINTS = ("none", "paper", "lookahead")
 # What several commands say of the same options.
 MOTION_HELP = (
     "a built-in one (dance), a CMU recording (cmu:05_02), or a file: .amc, .bvh, .c3d, "
-    ".trc, .mvnx, .npz, .npy, .csv, .json, .pt, .pkl"
+    ".trc, .mvnx, .npz, .npy, .csv, .pkl"
 )
 EXPERIMENT_HELP = (
     "which points follow the motion: two wrists, seven of the upper body, or these and "

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crar_drake.commands.clean import add_balance, balance_lines, clip_lines, violations
+from crar_drake.commands.clean import clip_lines, violations
 from crar_drake.commands.folders import files_bar, frames_bar, report_files
 from crar_drake.commands.options import (
     FILE_OPTIONS,
@@ -71,7 +71,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="HZ",
         help="frames per second to write (default: 30)",
     )
-    add_balance(parser)
     add_skeleton(parser)
     add_frame_rate(parser)
     add_file_options(parser)
@@ -92,7 +91,6 @@ def run(arguments: argparse.Namespace) -> int:
         "options": MotionOptions(**{k: v for k, v in given.items() if v}),
         "layout": arguments.layout or "",
         "rate": arguments.rate,
-        "balance": arguments.balance,
     }
     arguments.robot = whole_body_name(arguments.robot)
     if Path(arguments.motion).is_dir():
@@ -190,5 +188,4 @@ def _lines(clip: RetargetedClip) -> list[str]:
         f"{1e3 * clip.lowest:+z.1f} mm over the floor",
         f"nearest links {1e3 * cleaned.nearest:.1f} mm apart, on ways between frames "
         f"at least {1e3 * cleaned.between:.1f} mm",
-        *balance_lines(cleaned),
     ]

@@ -5,20 +5,16 @@ Everywhere a motion is one of:
 - a path to an AMC file: `some/05_02.amc`. Its skeleton is given, or lies beside it:
   `05_02.asf`, `05.asf`, or the only ASF file of the folder.
 - a path to a file of another format: BVH, C3D, TRC, MVNX, turns of a body model
-  (AMASS, GVHMR, WHAM), or joint positions (NPZ, NPY, CSV, MediaPipe's JSON).
+  (AMASS, WHAM), or joint positions (NPZ, NPY, CSV).
 - a trial of the CMU Graphics Lab database: `cmu:05_02`, looked up in the folders of
-  the environment variable CRAR_MOCAP_PATH, then in the user's cache, both laid out
-  like the database's own site: `subjects/05/05.asf`, `subjects/05/05_02.amc`.
+  the environment variable CRAR_MOCAP_PATH, which are laid out like the database's own
+  site: `subjects/05/05.asf`, `subjects/05/05_02.amc`.
 - the name of a motion that this project ships: `dance`.
 """
 
-import csv
 import difflib
-import functools
-import hashlib
 import os
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,13 +22,11 @@ from crar_drake.errors import MotionError
 from crar_drake.motion.formats.asf_amc import Clip, read_amc, read_asf
 from crar_drake.motion.formats.bvh import Bvh, read_bvh
 from crar_drake.motion.formats.c3d import Markers, read_c3d
-from crar_drake.motion.formats.mediapipe_json import read_mediapipe
 from crar_drake.motion.formats.mvnx import Mvnx, read_mvnx
 from crar_drake.motion.formats.point_arrays import PointArrays, read_point_arrays
 from crar_drake.motion.formats.smpl import (
     SmplMotion,
     holds_smpl,
-    read_gvhmr,
     read_smpl,
     read_wham,
 )
@@ -47,10 +41,11 @@ from crar_drake.motion.performers.points import points_performer
 from crar_drake.motion.performers.smpl import smpl_performer
 from crar_drake.motion.robots_own import holds_reference
 from crar_drake.motion.text_files import refuse_pointer
-from crar_drake.resources import builtin_motions_folder, cached
+from crar_drake.resources import builtin_motions_folder
 
 CMU_PREFIX = "cmu:"
 SEARCH_PATH_VARIABLE = "CRAR_MOCAP_PATH"
+DATABASE_URL = "http://mocap.cs.cmu.edu"
 
 
 def _read_npz(path: Path) -> PointArrays | SmplMotion:
@@ -65,8 +60,6 @@ _FORMATS = {
     ".mvnx": read_mvnx,
     ".npz": _read_npz,
     ".npy": read_point_arrays,
-    ".json": read_mediapipe,
-    ".pt": read_gvhmr,
     ".pkl": read_wham,
     ".csv": read_point_arrays,
 }
@@ -171,18 +164,9 @@ def load_clip(
     clip = read_amc(
         files.amc, read_asf(files.asf), frame_rate=frame_rate, name=files.name
     )
-    if clip.rate_source == "assumed" and _is_of_the_database(files):
+    if clip.rate_source == "assumed" and files.name.startswith(CMU_PREFIX):
         clip = replace(clip, rate_source="database")
     return clip
-
-
-def _is_of_the_database(files: MotionFiles) -> bool:
-    """Whether the motion is a trial of the CMU database, by its name or contents."""
-    if files.name.startswith(CMU_PREFIX):
-        return True
-    with open(files.amc, "rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return any(digest == trial.amc_sha256 for trial in known_trials().values())
 
 
 def resolve(
@@ -282,27 +266,6 @@ def _skeleton_beside(amc: Path) -> Path:
 # --- trials of the database -------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class KnownTrial:
-    """Facts about a trial, against which a download is checked."""
-
-    frames: int  # number of samples
-    amc_sha256: str  # of the motion file, in hexadecimal
-    asf_sha256: str  # of the subject's skeleton file, in hexadecimal
-
-
-@functools.cache
-def known_trials() -> Mapping[str, KnownTrial]:
-    """Returns the trials whose checksums are known, by number."""
-    with open(Path(__file__).with_name("known_trials.csv"), encoding="utf-8") as file:
-        return {
-            row["trial"]: KnownTrial(
-                int(row["frames"]), row["amc_sha256"], row["asf_sha256"]
-            )
-            for row in csv.DictReader(file)
-        }
-
-
 def trial_id(text: str) -> str:
     """Returns the trial's number, `05_02`, from `05_02` or `cmu:05_02`.
 
@@ -339,16 +302,10 @@ def trial_files(folder: Path, trial: str) -> MotionFiles:
     )
 
 
-def cache_folder() -> Path:
-    """Returns the user's folder of fetched trials; it need not exist."""
-    return cached("cmu")
-
-
 def search_path() -> list[Path]:
-    """Returns the folders that trials are looked for in, the cache last."""
+    """Returns the folders that trials are looked for in."""
     listed = os.environ.get(SEARCH_PATH_VARIABLE, "").split(os.pathsep)
-    folders = [Path(os.path.expanduser(folder)) for folder in listed if folder]
-    return [*folders, cache_folder()]
+    return [Path(os.path.expanduser(folder)) for folder in listed if folder]
 
 
 def _resolve_trial(text: str) -> MotionFiles:
@@ -357,23 +314,22 @@ def _resolve_trial(text: str) -> MotionFiles:
     for files in candidates:
         if files.amc.is_file() and files.asf.is_file():
             return files
-    remedy = f"run: crar-drake fetch {trial}"
     for files in candidates:
         if files.amc.is_file():
             raise MotionError(
                 f"{text}: the motion is there, but its skeleton {files.asf} is "
-                f"missing; put it there or {remedy}"
+                f"missing; get it from {DATABASE_URL}"
             )
-    *listed, cache = search_path()
-    places = ", ".join(str(folder) for folder in listed) or "not set"
+    there = trial_files(Path(), trial)
+    places = ", ".join(str(folder) for folder in search_path()) or "not set"
     raise MotionError(
-        f"{text} is neither in {SEARCH_PATH_VARIABLE} ({places}) nor in the cache "
-        f"({cache}); {remedy}"
+        f"{text} is not in {SEARCH_PATH_VARIABLE} ({places}); get {there.amc} and "
+        f"{there.asf} from {DATABASE_URL}, and name the folder that has subjects/ in it"
     )
 
 
 def available_trials() -> list[MotionFiles]:
-    """Returns the trials that can be used now, by number: search path and cache."""
+    """Returns the trials that can be used now, by number."""
     found: dict[str, MotionFiles] = {}
     for folder in search_path():
         for path in folder.glob("subjects/*/*.amc"):

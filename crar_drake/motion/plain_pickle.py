@@ -128,7 +128,7 @@ def _default_dict(*factory: object) -> dict:
     return {}
 
 
-KNOWN = {
+_KNOWN = {
     **{
         (f"{core}.{module}", name): function
         for core in ("numpy.core", "numpy._core")
@@ -158,12 +158,8 @@ class PlainUnpickler(pickle._Unpickler):
 
     It is Python's own reader, the one in Python: that in C reads ahead, over the bytes
     of joblib's arrays.
-
-    Attributes:
-        known: what stands for a name that the file has, by module and name.
     """
 
-    known = KNOWN
     dispatch = dict(pickle._Unpickler.dispatch)
 
     def __init__(self, data: bytes) -> None:
@@ -201,8 +197,8 @@ class PlainUnpickler(pickle._Unpickler):
         Raises:
             RefusedPickle: the name is none of those that NumPy and joblib write.
         """
-        if (module, name) in self.known:
-            return self.known[module, name]
+        if (module, name) in _KNOWN:
+            return _KNOWN[module, name]
         hint = ""
         if str(module).split(".")[0] == "torch":
             hint = "; save tensors as arrays (`.numpy()`) first"

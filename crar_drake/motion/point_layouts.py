@@ -2,7 +2,7 @@
 
 - SMPL: the first 22 or 24 joints of the SMPL, SMPL-H and SMPL-X body models, which
   AMASS is given in.
-- COCO-17, MediaPipe-33 (BlazePose), H36M-17 (the Human3.6M skeleton of 17).
+- COCO-17, H36M-17 (the Human3.6M skeleton of 17).
 """
 
 import re
@@ -22,14 +22,6 @@ _COCO = _FACE + [
     for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     for side in ("left", "right")
 ]
-_MEDIAPIPE = (
-    "nose left_eye_inner left_eye left_eye_outer right_eye_inner right_eye "
-    "right_eye_outer left_ear right_ear mouth_left mouth_right left_shoulder "
-    "right_shoulder left_elbow right_elbow left_wrist right_wrist left_pinky "
-    "right_pinky left_index right_index left_thumb right_thumb left_hip right_hip "
-    "left_knee right_knee left_ankle right_ankle left_heel right_heel "
-    "left_foot_index right_foot_index"
-).split()
 _H36M = (
     "pelvis right_hip right_knee right_ankle left_hip left_knee left_ankle spine neck "
     "nose head left_shoulder left_elbow left_wrist right_shoulder right_elbow "
@@ -42,15 +34,11 @@ LAYOUTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "SMPL-24": (*_SMPL, "left_hand", "right_hand"),
         "COCO-17": tuple(_COCO),
         "H36M-17": tuple(_H36M),
-        "MediaPipe-33": tuple(_MEDIAPIPE),
     }
 )
 
 # What else than its own name a joint's point is called.
-_SAME = {
-    "left_toe": ("left_foot", "left_foot_index"),
-    "right_toe": ("right_foot", "right_foot_index"),
-}
+_SAME = {"left_toe": "left_foot", "right_toe": "right_foot"}
 # A joint that has no point of its own is the mean of these, if all are there.
 MEANS: Mapping[str, tuple[tuple[str, ...], ...]] = MappingProxyType(
     {
@@ -95,8 +83,8 @@ def joints_of_layout(names: tuple[str, ...], joints: tuple[str, ...]) -> dict[st
     lowered = [name.strip().lower() for name in names]
     found = {}
     for joint in joints:
-        called = (joint, *_SAME.get(joint, ()))
-        index = next((lowered.index(name) for name in called if name in lowered), None)
-        if index is not None:
-            found[joint] = index
+        for name in (joint, _SAME.get(joint)):
+            if name in lowered:
+                found[joint] = lowered.index(name)
+                break
     return found

@@ -11,7 +11,7 @@ from crar_drake.motion.text_files import read_motion_text
 
 # Suffixes of robot motions, each to the one that the same files usually have.
 SUFFIXES = {
-    **{usual: usual for usual in (".csv", ".npz", ".npy", ".pkl", ".motion")},
+    **{usual: usual for usual in (".csv", ".npz", ".npy", ".pkl")},
     **{also: ".pkl" for also in (".pickle", ".joblib", ".p")},
 }
 

@@ -29,8 +29,6 @@ class Change:
     feet_worst: float  # [m]
     hands_rms: float  # of those of the hands' links [m]; NaN without hands
     hands_worst: float  # [m]
-    root_rms: float  # of the root's [m]
-    root_worst: float  # [m]
     jerk_before: float  # root mean square of the joints' [rad/s^3]
     jerk: float  # and after the change
 
@@ -83,7 +81,6 @@ def find_change(before: RobotMotion, after: RobotMotion, robot: WholeBody) -> Ch
     """
     joints = after.joint_positions - before.joint_positions
     feet, hands = _moved(before, after, robot, (FEET, HANDS))
-    root = np.linalg.norm(after.root_positions - before.root_positions, axis=1)
     return Change(
         joints_rms=rms(joints),
         joints_worst=float(np.abs(joints).max()),
@@ -91,8 +88,6 @@ def find_change(before: RobotMotion, after: RobotMotion, robot: WholeBody) -> Ch
         feet_worst=float(feet.max()),
         hands_rms=rms(hands),
         hands_worst=float(hands.max()),
-        root_rms=rms(root),
-        root_worst=float(root.max()),
         jerk_before=rms(joint_jerks(before)),
         jerk=rms(joint_jerks(after)),
     )

@@ -11,16 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from crar_drake.errors import MotionError, plural
+from crar_drake.errors import MotionError
 from crar_drake.files import check_file, whole_set
-from crar_drake.motion.planted_feet import runs
 from crar_drake.references.adjusting import (
     Frames,
     check_feet,
     set_on_ground,
     trimmed,
 )
-from crar_drake.references.balancing import Balancer
 from crar_drake.references.certificate_files import (
     certificate_path,
     check_certificate_place,
@@ -35,13 +33,7 @@ from crar_drake.references.change import (
 )
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
 from crar_drake.references.ground_contact import CarryingHands, Outline
-from crar_drake.references.ground_support import (
-    Ground,
-    given_share,
-    worst_outside,
-)
-from crar_drake.references.joint_torques import JointTorques
-from crar_drake.references.layouts import LAYOUTS, check_written
+from crar_drake.references.layouts import LAYOUTS, layout_named
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_certificate import CertifiedClip, make_certificate
 from crar_drake.references.motion_files import read_motions, write_motions
@@ -90,28 +82,6 @@ class CleanedClip(Change):
     # by how much it was set on the ground; 0 if that was not asked for [m]
     raised: float = 0.0
     slowed: float = 0.0  # by how much longer it takes; 0 if that was not asked for [s]
-    # frames in which a joint that carries no foot needs more than its effort limit
-    # (`joint_torques`); -1 if that was not asked for
-    too_strong_before: int = -1
-    too_strong: int = -1  # and after
-    # frames that stand, in which balance was looked at; -1 if that was not asked for
-    # (`ground_support`)
-    stands: int = -1
-    # share of these in which the ground could give what the motion takes; NaN without
-    # any
-    given_before: float = np.nan
-    given: float = np.nan  # and after
-    # how far outside the support the centre of pressure is in them, in the worst of
-    # 95 % [m]; negative inside
-    outside_before: float = np.nan
-    outside: float = np.nan  # and after [m]
-    lifts: int = -1  # of feet while another one, or a hand, stays planted; -1 as well
-    lifts_before: int = -1  # those before that are not balanced on what stays
-    lifts_outside: int = -1  # and those after: a violation
-    lifted_outside: str = ""  # which they are, and by how much, in words; "" if none is
-    # frames in which the centre of pressure is outside, and by how much, in words; ""
-    # without any
-    outside_in: str = ""
     # frame and pair of the deepest penetration, in words; "" without one
     deepest: str = ""
     # what changed by more than was allowed, in words; "" if nothing did
@@ -127,11 +97,9 @@ class CleanedClip(Change):
 
     @property
     def violated(self) -> bool:
-        """Whether anything is left, a way between frames is not shown to be clear, a
-        foot is lifted that was to be balanced on the other and is not, or it changed by
-        more than was allowed."""
+        """Whether anything is left, a way between frames is not shown to be clear, or
+        it changed by more than was allowed."""
         left = self.penetrating or self.beyond_limit or self.too_fast
-        left = left or self.too_strong > 0 or self.lifts_outside > 0
         meshes = self.meshes_penetrating > 0 or self.meshes_unclear > 0
         return bool(left or meshes or self.exceeded) or not self.between >= 0.0
 
@@ -156,9 +124,9 @@ def clean_file(
         options: see `FileOptions`.
 
     Raises:
-        MotionError: the file cannot be read, is of another robot or of a layout that is
-            not written, ends before the frames that are kept, or a joint is beyond its
-            limits by more than a turn.
+        MotionError: the file cannot be read, is of another robot or of no known layout,
+            ends before the frames that are kept, or a joint is beyond its limits by
+            more than a turn.
         ModelError: the robot is not there, not one that can be cleaned for, or lacks
             what an option asks for.
         WriteError: the file or its certificate cannot be written.
@@ -177,12 +145,8 @@ class FileOptions:
     rate: float | None = None  # of those that do not say theirs [Hz]
     frames: Frames = (1, None)  # those that are kept
     ground: bool = False  # whether motions are then set on the ground (`set_on_ground`)
-    # "speeds": motions are slowed down first where joints are too fast (`retimed`);
-    # "torques": and where they need more than they can give
-    retime: str = ""
-    # whether root and joints are changed so that the ground could give what motions
-    # take (`balancing`)
-    balance: bool = False
+    # whether motions are slowed down first where joints are too fast (`retimed`)
+    retime: bool = False
     # how far they may change; one that changed by more is written as well
     at_most: AtMost = ANY_CHANGE
 
@@ -195,7 +159,6 @@ class FileOptions:
             "frames": kept,
             "ground": self.ground,
             "retime": self.retime,
-            "balance": self.balance,
         }
 
 
@@ -226,7 +189,6 @@ class FileCleaner:
         self._cleaner = MotionCleaner(
             self._robot,
             parameters or CleaningParameters(),
-            balance=self._options.balance,
             retime=self._options.retime,
         )
 
@@ -242,7 +204,6 @@ class FileCleaner:
         motions = read_motions(
             reference, options.layout, options.rate, robot=self._robot
         )
-        check_written(reference, motions[0].layout)
         motions = [trimmed(motion, options.frames) for motion in motions]
         for motion in motions:
             _check_units(motion, self._robot, options.frames[0])
@@ -278,7 +239,8 @@ def _check_units(motion: RobotMotion, robot: WholeBody, first: int) -> None:
 
 
 def _check_places(reference: Path, out: Path, options: FileOptions) -> None:
-    check_written(reference, options.layout)
+    if options.layout:
+        layout_named(options.layout)
     check_file(out)
     check_certificate_place(out)
     if out.exists() and reference.exists() and os.path.samefile(reference, out):
@@ -297,8 +259,7 @@ class MotionCleaner:
         robot: WholeBody,
         parameters: CleaningParameters,
         part_meshes: bool = True,
-        balance: bool = False,
-        retime: str = "",
+        retime: bool = False,
     ) -> None:
         """
         Args:
@@ -306,21 +267,15 @@ class MotionCleaner:
             parameters: what changing the least means, and what is kept.
             part_meshes: whether meshes that touch are parted; else that was tried
                 before.
-            balance: whether motions are balanced (`balancing`), after which meshes are
-                parted anyway.
-            retime: what motions are slowed down for, as of `FileOptions`.
+            retime: as of `FileOptions`.
 
         Raises:
-            ModelError: as `Cleaner`, as `Ground` if motions are to be balanced, and as
-                `JointTorques` if they are to be slowed down for torques.
+            ModelError: as `Cleaner`.
         """
         self._retime = retime
-        self._torques = JointTorques(robot) if retime == "torques" else None
-        self._ground = Ground(robot) if balance else None
         self._robot, self._parameters = robot, parameters
         self.uncovered, self._carrying = Uncovered(robot), CarryingHands(robot)
-        self._meshes = self.uncovered.meshes if part_meshes or balance else None
-        self._balancers: dict[float, Balancer] = {}
+        self._meshes = self.uncovered.meshes if part_meshes else None
         self._cleaners: dict[float, Cleaner] = {}
 
     def _of_rate(self, rate: float) -> Cleaner:
@@ -390,11 +345,6 @@ class MotionCleaner:
                 row = _row(raised_before, after, margins, meshes, cleaner, robot)
                 slowed = before.duration - first.duration
                 row = replace(row, seconds=took, raised=rise, slowed=slowed)
-                if self._torques is not None:
-                    was, now = (self._too_strong(m) for m in (first, after))
-                    row = replace(row, too_strong_before=was, too_strong=now)
-                if self._ground is not None:
-                    row = replace(row, **_ground_shares(self._ground, before, after))
                 rows.append(replace(row, exceeded=at_most.exceeded(row)))
             certificate = make_certificate(
                 folder / out.name,
@@ -407,8 +357,6 @@ class MotionCleaner:
             certificate["parameters"] = asdict(self._parameters)
             certificate["motion"] |= {"layout": to.name, "rate": rate_given}
             certificate["options"] = options
-            if self._ground is not None:
-                certificate["notes"] = {row.clip: _note_of_balance(row) for row in rows}
             write_certificate(folder / place.name, certificate)
         return rows
 
@@ -429,29 +377,19 @@ class MotionCleaner:
         )
         joints = motion.joint_positions.copy()
         joints[:, columns] = found.q
-        cleaned = replace(motion, joint_positions=joints)
-        if self._ground is not None:
-            if motion.rate not in self._balancers:
-                self._balancers[motion.rate] = Balancer(cleaner, self._ground)
-            cleaned = self._balancers[motion.rate].balance(cleaned, carries, done)
-        return cleaned, time.process_time() - began
+        took = time.process_time() - began
+        return replace(motion, joint_positions=joints), took
 
     def _slower(self, motion: RobotMotion) -> Callable[[RobotMotion], np.ndarray]:
         """What `retimed` asks for."""
-        cleaner, torques = self._of_rate(motion.rate), self._torques
+        cleaner = self._of_rate(motion.rate)
         columns, fastest = _columns(motion, cleaner), cleaner.fastest
 
         def slower(motion: RobotMotion) -> np.ndarray:
             steps = np.abs(np.diff(motion.joint_positions[:, columns], axis=0))
-            share = (steps / fastest).max(axis=1)
-            return (
-                share if torques is None else np.maximum(share, torques.slower(motion))
-            )
+            return (steps / fastest).max(axis=1)
 
         return slower
-
-    def _too_strong(self, motion: RobotMotion) -> int:
-        return _count(self._torques.shares(motion) > 1.0)
 
 
 def _columns(motion: RobotMotion, cleaner: Cleaner) -> list[int]:
@@ -510,51 +448,6 @@ def _row(
         meshes_unclear=-1 if meshes is None else meshes.num_unclear,
         deepest=_deepest(now, cleaner),
         guessed="; ".join(before.guesses),
-    )
-
-
-def _ground_shares(ground: Ground, before: RobotMotion, after: RobotMotion) -> dict:
-    """What a row has of balance."""
-    (was, lifted_before), (now, lifted) = map(ground.judged, (before, after))
-    unbalanced = [lift for lift in lifted if lift.outside > 0.0]
-    return {
-        "stands": _count(~np.isnan(now)),
-        "given_before": given_share(was),
-        "given": given_share(now),
-        "outside_before": worst_outside(was),
-        "outside": worst_outside(now),
-        "lifts": len(lifted),
-        "lifts_before": _count([lift.outside > 0.0 for lift in lifted_before]),
-        "lifts_outside": len(unbalanced),
-        "lifted_outside": ", ".join(
-            f"{lift.foot} in frame {lift.frame + 1} ({_far(lift.outside)})"
-            for lift in unbalanced
-        ),
-        "outside_in": ", ".join(
-            f"{a + 1 if b == a + 1 else f'{a + 1}-{b}'} ({_far(now[a:b].max())})"
-            for a, b in runs(now > 0.0)
-        ),
-    }
-
-
-def _far(outside: float) -> str:
-    if np.isinf(outside):
-        return "the ground had to pull"
-    return f"{1e3 * outside:.1f} mm"
-
-
-def _note_of_balance(row: CleanedClip) -> str:
-    """What a certificate says of balance, which it does not certify."""
-    if not row.stands:
-        return "balance: no foot is planted in any frame"
-    lifts = f"{plural(row.lifts, 'lift')} of a foot"
-    if row.lifted_outside:
-        lifts += f", not balanced on what stays planted: {row.lifted_outside}"
-    frames = f"; outside in frames {row.outside_in}" if row.outside_in else ""
-    return (
-        "balance, a note on feasibility: the ground could give what the motion takes "
-        f"in {row.given:.4f} of the {row.stands} frames that stand, by the change of "
-        f"momentum; in {row.given_before:.4f} before{frames}; {lifts}"
     )
 
 

@@ -20,7 +20,7 @@ from crar_drake.references.folders import (
     find_references,
     work_through,
 )
-from crar_drake.references.layouts import check_written, layout_named
+from crar_drake.references.layouts import layout_named
 
 # What the page shows of a motion.
 FIGURES = (
@@ -68,13 +68,12 @@ def clean_folder(
         options: of all files, see `FileOptions`.
 
     Raises:
-        MotionError: no file of the layout is written.
+        MotionError: there is no such layout.
         ModelError, CrarError: as `find_references` and `work_through`.
     """
     given = FileOptions(**options)
     if given.layout:
-        suffix = layout_named(given.layout).suffix
-        check_written(f"FILE{suffix}", given.layout)
+        layout_named(given.layout)
     parameters = parameters or CleaningParameters()
     parameters.validate()
     references = find_references(folder)

@@ -12,24 +12,18 @@ a controller would keep the robot up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces, QuaternionFloatingJoint
 from scipy.spatial import ConvexHull, QhullError
-from scipy.spatial.transform import Slerp
 
 from crar_drake.errors import ModelError
-from crar_drake.references.robot_motion import RobotMotion
-from crar_drake.references.whole_body import WholeBody
 
-ON_THE_FLOOR = (
-    0.01  # [m] above the floor that points of a planted foot support, at most
-)
+# Points of a planted foot support that are not higher above the floor [m].
+_ON_THE_FLOOR = 0.01
 _LEAST_FORCE = 0.05  # of the weight, below which there is no centre of pressure
-# Shares of a way, and their weights, for its mean (Gauss's rule of three places).
-_GAUSS = tuple((0.5 + x * 0.15**0.5, w / 18.0) for x, w in ((-1, 5), (0, 8), (1, 5)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +34,9 @@ class GroundWrench:
     moment: np.ndarray  # (T, 3) about the world's origin [Nm]
     weight: float  # of the robot [N]
 
-    def centres(self, floor: float | np.ndarray = 0.0) -> np.ndarray:
-        """(T, 2) centres of pressure on the floor [m], which may be at another height
-        in each frame (T,); NaN where hardly anything pushes upwards."""
+    def centres(self, floor: float = 0.0) -> np.ndarray:
+        """(T, 2) centres of pressure on the floor, at a height [m]; NaN where hardly
+        anything pushes upwards."""
         f, n = self.force, self.moment
         up = np.where(f[:, 2] > _LEAST_FORCE * self.weight, f[:, 2], np.nan)
         # n - c x f has no x and no y, with c on the floor.
@@ -57,116 +51,6 @@ class GroundWrench:
             self.force[:, 2] > _LEAST_FORCE * self.weight, self.force[:, 2], np.nan
         )
         return np.linalg.norm(self.force[:, :2], axis=1) / up
-
-
-def plant_motion(
-    robot: WholeBody, root: QuaternionFloatingJoint | None, motion: RobotMotion
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q (T, nq), v and vdot (T, nv) of a motion; its first and last frame move as those
-    beside them.
-
-    Args:
-        robot: that moves.
-        root: by which it floats; None if its base is fixed.
-        motion: with its joints in the robot's order.
-    """
-    q = _positions(robot, root, motion)
-    v, vdot = np.zeros((2, motion.num_frames, robot.plant.num_velocities()))
-    if motion.num_frames > 2:
-        steps = _step_velocities(robot, root, motion)
-        v[1:-1] = 0.5 * (steps[1:] + steps[:-1])
-        vdot[1:-1] = motion.rate * np.diff(steps, axis=0)
-        for x in (v, vdot):
-            x[0], x[-1] = x[1], x[-2]
-    return q, v, vdot
-
-
-def _positions(
-    robot: WholeBody, root: QuaternionFloatingJoint | None, motion: RobotMotion
-) -> np.ndarray:
-    """(T, nq) of the plant."""
-    q = robot.configurations(motion.joint_positions)
-    if root is not None:
-        at = root.position_start()
-        q[:, at : at + 4] = motion.root_rotations.as_quat()[:, [3, 0, 1, 2]]
-        q[:, at + 4 : at + 7] = motion.root_positions
-    return q
-
-
-def _step_velocities(
-    robot: WholeBody, root: QuaternionFloatingJoint | None, motion: RobotMotion
-) -> np.ndarray:
-    """(T - 1, nv) of the straight ways from each frame to the next."""
-    steps = robot.velocities(np.diff(motion.joint_positions, axis=0))
-    if root is not None:
-        at, rotations = root.velocity_start(), motion.root_rotations
-        steps[:, at : at + 3] = (rotations[1:] * rotations[:-1].inv()).as_rotvec()
-        steps[:, at + 3 : at + 6] = np.diff(motion.root_positions, axis=0)
-    return motion.rate * steps
-
-
-def _on_ways(motion: RobotMotion, share: float) -> RobotMotion:
-    """The T - 1 postures at a share of these ways."""
-    frames = np.arange(motion.num_frames)
-    turned = Slerp(frames, motion.root_rotations)(frames[:-1] + share)
-    joints, places = (
-        x[:-1] + share * np.diff(x, axis=0)
-        for x in (motion.joint_positions, motion.root_positions)
-    )
-    return replace(
-        motion,
-        root_positions=places,
-        root_quaternions=turned.as_quat()[:, [3, 0, 1, 2]],
-        joint_positions=joints,
-    )
-
-
-def mean_wrench(
-    robot: WholeBody, root: QuaternionFloatingJoint, motion: RobotMotion
-) -> GroundWrench:
-    """The mean wrench from the frame before to the frame after: what changes the mean
-    momentum of the step before to that of the step after, and holds the weight.
-
-    Instants count the more, the nearer they are to the frame. The force is so whatever
-    the motion does between frames, the moment if it goes straight. The cone of what the
-    ground can give is convex: while what is planted stays the same, the ground can give
-    in the mean what it can give at each instant.
-
-    Args:
-        robot: that moves.
-        root: by which it floats.
-        motion: with its joints in the robot's order.
-
-    Returns:
-        Of T frames; NaN in the first and the last.
-    """
-    plant, T = robot.plant, motion.num_frames
-    context = plant.CreateDefaultContext()
-    mass, gravity = plant.CalcTotalMass(context), plant.gravity_field().gravity_vector()
-    weight = -mass * gravity
-    wrench = np.full((T, 6), np.nan)
-    if T > 2:
-        v = _step_velocities(robot, root, motion)
-        L, before, after = np.zeros((3, T - 1, 3))
-        for share, rule in _GAUSS:
-            q = _positions(robot, root, _on_ways(motion, share))
-            for t in range(T - 1):
-                plant.SetPositions(context, q[t])
-                plant.SetVelocities(context, v[t])
-                h = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
-                L[t] += rule * h.rotational()
-                p_WC = plant.CalcCenterOfMassPositionInWorld(context)
-                held = rule * np.cross(p_WC, weight)
-                before[t] += share * held
-                after[t] += (1.0 - share) * held
-        rate = motion.rate
-        wrench[1:-1, :3] = rate * np.diff(L, axis=0) + before[:-1] + after[1:]
-        centres = np.empty((T, 3))
-        for t, whole in enumerate(_positions(robot, root, motion)):
-            plant.SetPositions(context, whole)
-            centres[t] = plant.CalcCenterOfMassPositionInWorld(context)
-        wrench[1:-1, 3:] = mass * rate**2 * np.diff(centres, 2, axis=0) + weight
-    return GroundWrench(wrench[:, 3:], wrench[:, :3], float(np.linalg.norm(weight)))
 
 
 def ground_wrench(
@@ -210,9 +94,9 @@ def outside_support(
     centres: np.ndarray,
     soles: dict[str, np.ndarray],
     planted: dict[str, np.ndarray],
-    floor: float = 0.0,
 ) -> np.ndarray:
-    """(T,) how far each centre of pressure is outside the support [m].
+    """(T,) how far each centre of pressure on the floor z = 0 is outside the support
+    [m].
 
     It is 0 or less inside, and NaN where there is no centre or no foot is planted.
 
@@ -220,12 +104,11 @@ def outside_support(
         centres: (T, 2) [m].
         soles: foot to (T, V, 3) points of its surface [m].
         planted: foot to (T,) whether it is planted.
-        floor: height of the floor [m].
     """
     outside = np.full(len(centres), np.nan)
     for t in np.flatnonzero(np.isfinite(centres).all(axis=1)):
         points = [
-            p[t][p[t][:, 2] <= floor + ON_THE_FLOOR][:, :2]
+            p[t][p[t][:, 2] <= _ON_THE_FLOOR][:, :2]
             for foot, p in soles.items()
             if planted[foot][t]
         ]

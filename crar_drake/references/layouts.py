@@ -26,7 +26,6 @@ class Layout:
     root_columns: int = 0
     breadth_first: bool = False  # whether joints are in that order, and not depth first
     several: bool = False  # whether a file can hold several motions
-    written: bool = True  # whether such files are written, and not only read
 
     @property
     def has_rate(self) -> bool:
@@ -47,7 +46,6 @@ LAYOUTS = {
         Layout("locomujoco-npz", ".npz", "LocoMuJoCo", several=True),
         Layout("phuma-npy", ".npy", "PHUMA"),
         Layout("amass-npy", ".npy", "Retargeted AMASS for robotics", 7),
-        Layout("proto-motion", ".motion", "ProtoMotions", written=False),
         Layout("gmr-pkl", ".pkl", "GMR, TWIST"),
         Layout("motion-lib-pkl", ".pkl", "PHC, ASAP, HumanoidVerse", several=True),
     )
@@ -70,23 +68,6 @@ def layouts_of(path: str | os.PathLike[str]) -> list[str]:
     suffix = Path(path).suffix.lower()
     suffix = SUFFIXES.get(suffix, suffix)
     return [layout.name for layout in LAYOUTS.values() if layout.suffix == suffix]
-
-
-def check_written(path: str | os.PathLike[str], layout: str | None = None) -> None:
-    """Raises MotionError if no file of that layout, or if there is none with that
-    suffix, is written.
-
-    Args:
-        path: of the file.
-        layout: its name; by default any that the suffix can have.
-    """
-    names = [layout_named(layout).name] if layout else layouts_of(path)
-    if names and not any(LAYOUTS[name].written for name in names):
-        raise MotionError(
-            f"{path}: {names[0]} is read, but not written; take another layout (of "
-            f"such a file crar-drake convert IN{Path(path).suffix} OUT.npz --to "
-            "mjlab-npz --robot ROBOT makes one)"
-        )
 
 
 def reordered(motion: RobotMotion, joint_names: Sequence[str]) -> RobotMotion:

@@ -19,7 +19,6 @@ from crar_drake.references.csv_layouts import read_csv, write_csv
 from crar_drake.references.layouts import (
     LAYOUTS,
     Layout,
-    check_written,
     layout_named,
     reordered,
 )
@@ -27,7 +26,6 @@ from crar_drake.references.named_csv import write_named_csv
 from crar_drake.references.npy_layouts import read_npy, write_npy
 from crar_drake.references.npz_layouts import read_npz, write_npz
 from crar_drake.references.pickle_layouts import read_pickle, write_pickle
-from crar_drake.references.proto_motion import read_proto_motion
 from crar_drake.references.robot_match import matched
 from crar_drake.references.robot_motion import (
     UNKNOWN_ORDER,
@@ -47,7 +45,6 @@ _READERS = {
     ".npz": read_npz,
     ".npy": read_npy,
     ".pkl": read_pickle,
-    ".motion": read_proto_motion,
 }
 
 
@@ -151,7 +148,6 @@ def write_motions(
 ) -> None:
     """Writes several motions into one file, if the layout can; see `write_motion`."""
     to = layout_named(layout)
-    check_written(path, layout)
     if not motions:
         raise MotionError(f"{path}: there is no motion to write")
     if len(motions) > 1 and not to.several:

@@ -70,8 +70,8 @@ def retimed(
 
     Args:
         motion: of T frames.
-        speeds: of joint positions (T, n), the largest share of a speed limit on the way
-            to each next frame, (T - 1,).
+        slower: of such a motion, how many times as slowly each way to the next frame
+            is to be played, (T - 1,).
 
     Returns:
         The motion at the same rate, with more frames; its last one stands at its end.

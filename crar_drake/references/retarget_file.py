@@ -24,7 +24,7 @@ from crar_drake.references.certificate_files import check_certificate_place, fil
 from crar_drake.references.clean_file import CleanedClip, MotionCleaner
 from crar_drake.references.cleaning import CleaningParameters
 from crar_drake.references.ground_contact import Outline
-from crar_drake.references.layouts import check_written, layout_named, layouts_of
+from crar_drake.references.layouts import layout_named, layouts_of
 from crar_drake.references.mesh_rows import MeshRows
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.robot_motion import RobotMotion
@@ -98,7 +98,6 @@ class RetargetOptions:
     rate: float = RATE  # frames per second to be written [Hz]
     # what is wanted
     parameters: RetargetingParameters = field(default_factory=RetargetingParameters)
-    balance: bool = False  # whether motions are balanced then (`balancing`)
 
     def __post_init__(self) -> None:
         check_rate(self.rate)
@@ -116,7 +115,6 @@ class RetargetOptions:
             "read with": {path.name: file_hash(path) for path in besides},
             "layout": self.layout,
             "rate": self.rate,
-            "balance": self.balance,
         }
 
 
@@ -171,9 +169,7 @@ class FileRetargeter:
         self.retargeter = Retargeter(
             description, options.parameters, self._robot.outlines
         )
-        self._cleaner = MotionCleaner(
-            self._robot, CLEANING, part_meshes=False, balance=options.balance
-        )
+        self._cleaner = MotionCleaner(self._robot, CLEANING, part_meshes=False)
         self._outline = Outline(self._robot)
         meshes, names = (
             self._cleaner.uncovered.meshes,
@@ -245,7 +241,7 @@ def _layout_of(out: Path, layout: str) -> str:
     """
     layout = layout or _LAYOUTS.get(out.suffix.lower(), "")
     if layout:
-        check_written(out, layout)
+        layout_named(layout)
     if not layout or layout not in layouts_of(out):
         raise MotionError(
             f"{out}: a reference motion is a .csv, .npz or .pkl"

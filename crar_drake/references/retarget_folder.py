@@ -24,7 +24,7 @@ from crar_drake.references.folders import (
     is_table,
     work_through,
 )
-from crar_drake.references.layouts import check_written, layout_named
+from crar_drake.references.layouts import layout_named
 from crar_drake.references.retarget_file import (
     CLEANING,
     MOST_BELOW,
@@ -124,13 +124,12 @@ def retarget_folder(
         options: of all files, see `RetargetOptions`; the layout is LAYOUT by default.
 
     Raises:
-        MotionError: there is no such layout, or it is not written.
+        MotionError: there is no such layout.
         ModelError, CrarError: as `find_people` and `work_through`.
     """
     given = RetargetOptions(**options)
     given = replace(given, layout=given.layout or LAYOUT)
     suffix = layout_named(given.layout).suffix
-    check_written(f"FILE{suffix}", given.layout)
     work = FolderWork(
         table=RETARGETED_TABLE,
         row=RetargetedRow,

@@ -33,6 +33,8 @@ _NUMBERS = (
     *("lower", "upper", "effort", "velocity"),
 )
 
+_QUATERNION = "quat_xyzw"  # how URDF 1.1 turns an <origin>
+
 # Drake's elements that close a chain, which the controller's model has no part for.
 _LOOPS = (
     "drake:linear_bushing_rpy",
@@ -311,6 +313,11 @@ def _origin(element) -> RigidTransform:
     origin = element.find("origin")
     if origin is None:
         return RigidTransform()
+    if origin.get(_QUATERNION) is not None:
+        raise ValueError(
+            f"its <origin> turns by {_QUATERNION} (URDF 1.1), which is not read: write "
+            "the same rotation as rpy"
+        )
     return RigidTransform(
         RollPitchYaw(three_numbers(origin.get("rpy", "0 0 0"))),
         three_numbers(origin.get("xyz", "0 0 0")),

@@ -6,11 +6,10 @@ Of L frames with m unknowns each the matrix is
     S_0  D_1  S_1' E_1
     E_0  S_1  D_2  ...
 
-with E diagonal; rows of W frames (`add_wide`) fill it, and blocks below. A Cholesky
-factorisation takes a time that is linear in L. Rows are added to the bands as LAPACK
-has them, H (L, m, B) with B = 2 m + 1, or W m: of column c of frame k the diagonal,
-then what is below. So element (i, c) of the block of frame k + a with frame k is H[k,
-c, a m + i - c].
+with E diagonal. A Cholesky factorisation takes a time that is linear in L. Rows are
+added to the bands as LAPACK has them, H (L, m, B) with B = 2 m + 1: of column c of
+frame k the diagonal, then what is below. So element (i, c) of the block of frame k + a
+with frame k is H[k, c, a m + i - c].
 """
 
 from __future__ import annotations
@@ -31,13 +30,12 @@ class Normal:
     H: np.ndarray  # (L, m, B) its bands, see the module
     b: np.ndarray  # (L, m)
 
-    def of_frames(self, some: np.ndarray, b: np.ndarray, width: int = 0) -> Normal:
+    def of_frames(self, some: np.ndarray, b: np.ndarray) -> Normal:
         """Of some frames, in ascending order, the others held; to be added to.
 
         Args:
             some: (K,) which.
             b: (K, m) of them.
-            width: W of wide rows that are to be added, if there are such.
         """
         m, bands = self.H.shape[1:]
         # Copies rows in a third of the time that an index of an array takes.
@@ -46,10 +44,6 @@ class Normal:
             k = np.flatnonzero(gap)
             below = np.arange(bands) >= first - np.arange(m)[:, None]
             H[k] = np.where(below, 0.0, H[k])
-        if width:
-            wide = np.zeros((len(some), m, max(width * m, bands)))
-            wide[..., :bands] = H
-            H = wide
         return Normal(H, b)
 
     def add_to_diagonal(self, frames: np.ndarray, values: np.ndarray) -> None:
@@ -223,48 +217,6 @@ def add_rows(
     np.add.at(H, (left[both][:, None], c, m + i - c), squares)
 
 
-@compiled(loops=True)
-def add_wide(
-    H: np.ndarray,
-    b: np.ndarray,
-    places: np.ndarray,
-    g: np.ndarray,
-    weight: float,
-    target: np.ndarray,
-) -> None:
-    """Adds the rows of least squares weight |sum_a g_a x_(k_a) - target|^2 of W frames
-    in a row.
-
-    Args:
-        H, b: of a `Normal`, of W m bands at least.
-        places: (R, W) the frames k_a, in ascending order; -1 where one is held.
-        g: (R, W, m).
-        weight: of all.
-        target: (R,).
-    """
-    W, m = g.shape[1], g.shape[2]
-    for r in range(len(g)):
-        for a in range(W):
-            k = places[r, a]
-            if k < 0:
-                continue
-            for i in range(m):
-                x = weight * g[r, a, i]
-                if x == 0.0:
-                    continue
-                b[k, i] += x * target[r]
-                for j in range(i + 1):
-                    H[k, j, i - j] += x * g[r, a, j]
-                for c in range(a):
-                    before = places[r, c]
-                    # What is held between two of them is no place.
-                    by = k - before
-                    if before < 0 or by == 0:
-                        continue
-                    for j in range(m):
-                        H[before, j, by * m + i - j] += x * g[r, c, j]
-
-
 def _along_rows_loops(g, left, right, share, x):
     moved, moves = np.zeros(len(g)), np.zeros(len(x) + 1, dtype=np.bool_)
     for k in range(len(x)):
@@ -293,6 +245,6 @@ def along_rows(
     x: np.ndarray,
 ) -> np.ndarray:
     """g ((1 - t) x_k + t x_l) of each row, (R,); arguments as of `add_rows`."""
-    wide = np.vstack((x, np.zeros((1, x.shape[1]))))  # -1: a frame that is held
+    padded = np.vstack((x, np.zeros((1, x.shape[1]))))  # -1: a frame that is held
     by = share.reshape(-1, 1)
-    return ((1.0 - by) * wide[left] * g + by * wide[right] * g).sum(axis=1)
+    return ((1.0 - by) * padded[left] * g + by * padded[right] * g).sum(axis=1)

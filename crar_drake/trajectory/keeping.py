@@ -36,7 +36,6 @@ from crar_drake.trajectory.distance_rows import (
 )
 from crar_drake.trajectory.margins import Margins, find_margins
 from crar_drake.trajectory.optimiser import (
-    NO_WIDE,
     AtFrames,
     Effort,
     Part,
@@ -58,6 +57,7 @@ _AROUND, _AROUND_AGAIN = 0.5, 0.3
 # Frames of a part of a long window, and how long it is solved beyond its end [s].
 _PART, _OVERLAP = 300, 0.7
 _COARSE = (8, 1)  # a motion is found of each so-many-th frame first
+_HELD = 2  # frames beside a part that what is minimised in it has to do with
 _TRIES = 8
 _LACKS = 1e-4  # a row that is not of a distance lacks less [m]
 # This try begins anew, with as many samples as were found to be needed: where a motion
@@ -225,7 +225,7 @@ class Keeper:
                 part.solve_without_rows()
             else:
                 asked = (x[at] for x in (state.at_frames, state.between, state.parts))
-                samples = _samples(*asked, first, last, _held(problem))
+                samples = _samples(*asked, first, last)
                 part = _part(problem, coarse, first, last, samples, effort)
                 part.begin()
             coarse[first:last] = part.y[part.free]
@@ -261,7 +261,6 @@ class Keeper:
         problem = _within(problem)
         margins = self.margins(q)
         violating = self._violating(margins) | _below(problem, y, self.floor)
-        violating |= _unfulfilled(problem, y)
         if also is not None:
             violating |= also
         moves = np.abs(np.diff(q, axis=0, append=q[-1:])).max(axis=1)
@@ -320,12 +319,7 @@ class Keeper:
                 self._solve_each(every, problem, y, solved, state.effort, state)
             for first, last, end in self._parts(solved & (attempt < _TRIES - 1)):
                 samples = _samples(
-                    state.at_frames,
-                    state.between,
-                    state.parts,
-                    first,
-                    last,
-                    _held(problem),
+                    state.at_frames, state.between, state.parts, first, last
                 )
                 part = _part(problem, y, first, last, samples, state.effort)
                 part.solve(round(_AROUND_AGAIN * self.rate))
@@ -507,8 +501,8 @@ def _part(
         samples: counted from the part's first frame.
         effort: is added to.
     """
-    held = _held(problem)
-    before, after = max(0, first - held), last if samples is None else last + held
+    before = max(0, first - _HELD)
+    after = last if samples is None else last + _HELD
     y = y[before:after].copy()
     k = np.arange(before, before + len(y))
     if samples is None:
@@ -517,15 +511,8 @@ def _part(
     return Part(problem, before, y, free, samples, effort or Effort())
 
 
-def _held(problem: Problem) -> int:
-    """How many frames beside a part what it minimises, or keeps, has to do with."""
-    return problem.wide.width - 1
-
-
 def _begun_with(problem: Problem) -> int:
     """Each how many frames say what a change is, as far as it is smoothed."""
-    if problem.wide.num_rows:
-        return 1
     return max(1, int(np.sqrt(problem.smoothness.min())))
 
 
@@ -540,7 +527,6 @@ def _of_each(problem: Problem, every: int) -> Problem:
         about=problem.about[::every],
         smoothness=problem.smoothness / every**2,
         fastest=problem.fastest * every,
-        wide=NO_WIDE,
         near_rows=lambda at, y, look: problem.near_rows(
             replace(at, frame=every * at.frame), y, look
         ),
@@ -574,25 +560,16 @@ def _below(problem: Problem, y: np.ndarray, floor: float) -> np.ndarray:
     return below
 
 
-def _unfulfilled(problem: Problem, y: np.ndarray) -> np.ndarray:
-    """(T,) frames whose wide rows are not kept."""
-    found = np.zeros(len(y), dtype=bool)
-    rows = problem.wide.kept(np.arange(len(y)), y)
-    found[rows.places[0][rows.d < 0.0]] = True
-    return found
-
-
 def _samples(
     asked: np.ndarray,
     between: np.ndarray,
     parts: np.ndarray,
     first: int,
     last: int,
-    held: int,
 ) -> Samples:
     """At the frames first to last - 1, and between these and their neighbours, counted
-    from the part's first, so many before."""
-    before, frames = max(0, first - held), len(asked)
+    from the part's first frame."""
+    before, frames = max(0, first - _HELD), len(asked)
     at = np.arange(first, last)
     ways = np.arange(max(first - 1, 0), min(last, frames - 1))
     times = parts[ways] - 1

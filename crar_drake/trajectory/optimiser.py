@@ -6,16 +6,11 @@ With y_k in R^m the unknowns of frame k, over the T frames of a motion:
                             + |s (x_(k-1) - 2 x_k + x_(k+1))|^2
                             + |v_k (f(y_(k+1)) - f(y_k) - g_k)|^2 ],       x = y - a
     such that   d((1 - t) y_k + t y_(k+1)) >= asked       at samples (k, t),
-                b(y_(k-2), ..., y_(k+2)) >= 0,
                 lower <= y_k <= upper,    |y_(k+1) - y_k| <= fastest.
 
 The tasks r, the posture c, the smoothness about a, and the steps g of f (0 of what
 stands still), are the caller's: for a reference motion that is to change the least, c =
-a is the reference. So are the *wide rows* b of several frames in a row, such as
-balance. It may be that no change keeps them: so their multipliers have a bound, beyond
-which they count as squares do, and outweigh no others (E. G. Birgin and J. M. Martinez,
-"Practical Augmented Lagrangian Methods for Constrained Optimization", SIAM 2014, ch. 4,
-where all have one).
+a is the reference.
 
 *Solver*. An augmented Lagrangian (J. Nocedal and S. J. Wright, "Numerical
 Optimization", 2nd ed., Alg. 17.4): with multipliers lambda of rows c(y) >= 0, minimise
@@ -48,7 +43,6 @@ from crar_drake.trajectory.bands import (
     add_rows,
     add_squares,
     add_steps,
-    add_wide,
     along_rows,
 )
 from crar_drake.trajectory.distance_rows import NearRows, no_rows
@@ -56,9 +50,6 @@ from crar_drake.trajectory.distance_rows import NearRows, no_rows
 # rho of the distances [1/m^2], stage by stage; of joint limits and speeds [1/rad^2].
 _PENALTIES = (1e2, 3e3, 1e5)
 _PENALTY_OF_JOINTS = 1e5
-
-# The penalty of wide rows grows with this power of that of the distances.
-_WIDE_GROWTH = 0.5
 
 _STEPS = 40  # Gauss-Newton steps of a minimisation, at most
 _ACTIVE_SETS = 3  # in one of them, at most
@@ -75,8 +66,7 @@ _NO_COST = 1e-4  # or than this of this
 # What rows lack is to fall to this share with an update; else, so often in a row, more
 # updates are of no use.
 _LESS, _STALLS = 0.8, 2
-_LACKS = 1e-4  # a row that lacks less than this is settled [m],
-_WIDE_LACKS = 1e-3  # and a wide one [m]
+_LACKS = 1e-4  # a row that lacks less than this is settled [m]
 _ARM = 0.2  # what a joint's limit lacks counts as much as this far from its axis [m]
 
 # Rows count that are nearer than what is asked for and this [m], which goes with the
@@ -121,45 +111,6 @@ class Tasks(Protocol):
         """
 
 
-class WideRows(NamedTuple):
-    """What is to be 0 or more, of W frames in a row each."""
-
-    # (R, W) which of the frames that were given; the middle one counts it
-    frames: np.ndarray
-    row: np.ndarray  # (R,) and which of the rows that this may have
-    d: np.ndarray  # (R,) what it is [m]
-    gradient: np.ndarray  # (R, W, m) of d by the unknowns of these frames
-
-    @property
-    def places(self) -> tuple[np.ndarray, np.ndarray]:
-        """The middle frame of each, and which of its rows it is."""
-        return self.frames[:, self.frames.shape[1] // 2], self.row
-
-
-@dataclass(frozen=True)
-class Wide:
-    """Rows of several frames in a row."""
-
-    # of some frames in ascending order, and their y (L, m); those all of whose frames
-    # are among them
-    rows: Callable[[np.ndarray, np.ndarray], WideRows]
-    # the same, of less: where these are 0 or more, nothing has to change
-    kept: Callable[[np.ndarray, np.ndarray], WideRows]
-    num_rows: int  # that a frame may have
-    width: int  # W
-    penalty: float  # their rho, under the last penalty [1/m^2]
-    most: float = np.inf  # their multipliers are not larger [1/m]
-
-
-def _no_wide_rows(frames: np.ndarray, y: np.ndarray) -> WideRows:
-    nothing = np.zeros((0, 3), dtype=int)
-    return WideRows(nothing, nothing[:, 0], np.zeros(0), np.zeros((0, 3, y.shape[1])))
-
-
-# As wide as what is minimised has to do with.
-NO_WIDE = Wide(_no_wide_rows, _no_wide_rows, num_rows=0, width=3, penalty=1.0)
-
-
 @dataclass(frozen=True)
 class Samples:
     """Places on the motion where rows are asked for: (1 - t) y_k + t y_(k+1)."""
@@ -187,7 +138,6 @@ class Problem:
     # `d` says
     near_rows: Callable[[Samples, np.ndarray, float], NearRows]
     num_rows: int  # number of rows that a sample may have
-    wide: Wide = NO_WIDE  # rows of several frames
 
 
 @dataclass
@@ -212,8 +162,6 @@ class _Live:
     steps: np.ndarray  # from these frames to the next
     step_left: np.ndarray
     step_right: np.ndarray
-    near: np.ndarray  # frames of wide rows that concern live ones
-    place: np.ndarray  # of each frame among the live ones
 
 
 @dataclass
@@ -223,7 +171,6 @@ class _Linearised:
     y: np.ndarray
     done: AtFrames  # at the frames that are seen
     rows: NearRows  # whose `sample` counts live ones
-    wide: WideRows  # whose `frames` are the part's
     merits: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (P,)
 
     @property
@@ -247,7 +194,6 @@ class Part:
 
     def __post_init__(self) -> None:
         some = slice(self.first, self.first + len(self.y))
-        self._wide = self.problem.wide
         self._posture, self._about = (
             self.problem.posture[some],
             self.problem.about[some],
@@ -256,7 +202,6 @@ class Part:
         self._of_rows = np.zeros((len(self.samples.frame), self.problem.num_rows))
         self._of_limits = np.zeros((2, *self.y.shape))
         self._of_speeds = np.zeros((2, len(self.y) - 1, self.y.shape[1]))
-        self._of_wide = np.zeros((len(self.y), self._wide.num_rows))
         self._stiffness = _second_differences(len(self.y))
 
     def solve_without_rows(self) -> None:
@@ -370,8 +315,6 @@ class Part:
             steps,
             place[steps],
             place[steps + 1],
-            np.flatnonzero(spread(mask, self._wide.width - 1)),
-            place[:-1],
         )
 
     def _linearise(
@@ -387,20 +330,9 @@ class Part:
         rows = no_rows(y.shape[1])
         if penalty:
             rows = problem.near_rows(samples, at, look)
-        new = _Linearised(y, done, rows, self._wide_rows(y, live))
+        new = _Linearised(y, done, rows)
         new.merits = self._merits(new, live, penalty)
         return new
-
-    def _wide_penalty(self, penalty: float) -> float:
-        """It grows with that of the distances; without these it is the last one."""
-        share = penalty / _PENALTIES[-1] if penalty else 1.0
-        return self._wide.penalty * share**_WIDE_GROWTH
-
-    def _wide_rows(self, y: np.ndarray, live: _Live) -> WideRows:
-        found = self._wide.rows(self.first + live.near, y[live.near])
-        found = found._replace(frames=live.near[found.frames])
-        moves = (live.place[found.frames] >= 0).any(axis=1)
-        return WideRows(*(x[moves] for x in found))
 
     def _limits(self, y: np.ndarray, live: _Live) -> tuple[np.ndarray, np.ndarray]:
         """(2, L, m), (2, K, m) what is left to limits and speeds, either way."""
@@ -431,12 +363,6 @@ class Part:
             ),
             (_PENALTY_OF_JOINTS, self._of_limits[:, live.frames], limits, live.frames),
             (_PENALTY_OF_JOINTS, self._of_speeds[:, live.steps], speeds, live.steps),
-            (
-                self._wide_penalty(penalty),
-                self._of_wide[at.wide.places],
-                at.wide.d,
-                at.wide.places[0],
-            ),
         ):
             lacks = np.maximum(0.0, lam / rho - c)
             squares = lacks * lacks
@@ -464,9 +390,7 @@ class Part:
         limits = self._of_limits[:, live.frames] / rho - limits
         speeds = self._of_speeds[:, live.steps] / rho - speeds
         frames, m = base.b.shape
-        of_wide, wide = self._wide_penalty(penalty), at.wide
-        wide_places = live.place[wide.frames]  # (R, W)
-        weights = penalty, rho, rho, of_wide
+        weights = penalty, rho, rho
 
         def moved(step: np.ndarray) -> tuple[np.ndarray, ...]:
             moving = np.vstack([step, np.zeros(m)])  # -1: a frame that is held
@@ -475,12 +399,10 @@ class Part:
                 along_rows(rows.gradient, left, right, t, step),
                 np.stack([step, -step]),
                 np.stack([-change, change]),
-                (wide.gradient * moving[wide_places]).sum(axis=(1, 2)),
             )
 
         step, slope = np.zeros((frames, m)), -base.b
-        kept = self._of_wide[wide.places] / of_wide - wide.d
-        lacks = shift, limits, speeds, kept
+        lacks = shift, limits, speeds
         before, share = None, 0.0
         for _ in range(_ACTIVE_SETS):
             on = tuple(c > 0.0 for c in lacks)
@@ -493,8 +415,6 @@ class Part:
                 for side in sides:
                     turned[side[side >= 0]] = True
                 turned |= (on[1] != before[1]).any(axis=(0, 2))
-                other = wide_places[on[3] != before[3]]
-                turned[other[other >= 0]] = True
                 if not turned.any():
                     break
             before = on
@@ -502,8 +422,7 @@ class Part:
             some = np.flatnonzero(_closed(spread(turned, _BESIDE)))
             place = np.full(frames + 1, -1)
             place[some] = np.arange(len(some))
-            width = wide_places.shape[1] if len(wide.d) else 0
-            normal = base.of_frames(some, -slope[some], width)
+            normal = base.of_frames(some, -slope[some])
             near = np.flatnonzero(on[0] & ((place[left] >= 0) | (place[right] >= 0)))
             add_rows(
                 normal.H,
@@ -526,15 +445,6 @@ class Part:
             for places, sign in zip(ends, (-1.0, 1.0), strict=True):
                 there = places >= 0
                 normal.b[places[there]] += sign * push[there]
-            if len(wide.d):
-                add_wide(
-                    normal.H,
-                    normal.b,
-                    place[wide_places[on[3]]],
-                    wide.gradient[on[3]],
-                    of_wide,
-                    lacks[3][on[3]],
-                )
             self.effort.factorised += 1
             found = normal.solve()
             if found is None:
@@ -612,9 +522,6 @@ class Part:
         self._of_rows[some[rows.sample], rows.row] = np.maximum(
             0.0, lam - penalty * rows.d
         )
-        wide = at.wide
-        lam = self._of_wide[wide.places] - self._wide_penalty(penalty) * wide.d
-        self._of_wide[wide.places] = np.clip(lam, 0.0, self._wide.most)
         limits, speeds = self._limits(at.y, live)
         for lam, places, c in (
             (self._of_limits, live.frames, limits),
@@ -624,17 +531,14 @@ class Part:
 
     def _lacking(self, live: _Live, at: _Linearised) -> tuple[np.ndarray, float]:
         """Which frames (P,) have rows that lack something, and what all rows lack
-        together [m]; wide ones at their bound do not count."""
+        together [m]."""
         d, (limits, speeds) = at.rows.d, self._limits(at.y, live)
-        wide = at.wide
-        stays = self._of_wide[wide.places] < self._wide.most
         lacking = np.zeros(len(at.y), dtype=bool)
         low = live.samples[at.rows.sample[d < -_LACKS]]
         lacking[self.samples.frame[low]] = True
         lacking[live.frames[(limits < -_LACKS / _ARM).any(axis=(0, 2))]] = True
         lacking[live.steps[(speeds < -_LACKS / _ARM).any(axis=(0, 2))]] = True
-        lacking[wide.places[0][stays & (wide.d < -_WIDE_LACKS)]] = True
-        lacks = -np.minimum(d, 0.0).sum() - np.minimum(wide.d[stays], 0.0).sum()
+        lacks = -np.minimum(d, 0.0).sum()
         lacks -= sum(_ARM * np.minimum(x, 0.0).sum() for x in (limits, speeds))
         return lacking, float(lacks)
 

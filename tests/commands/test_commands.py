@@ -20,7 +20,7 @@ from crar_drake.commands import main, make_parser, options, parse
 from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import LEVELS
 from crar_drake.errors import ScenarioError
-from crar_drake.motion.catalogue import MotionFiles, load_performer
+from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.report import inspect
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import summarize
@@ -534,7 +534,7 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run dance_wrist", "did you mean 'dance_wrists'?"),
         ("run diagrams/nowhere.yaml", "no scenario 'diagrams/nowhere.yaml'"),
         ("run --motion nowhere/05_02.amc", "nowhere/05_02.amc: there is no such"),
-        ("run --motion cmu:99_99", "run: crar-drake fetch 99_99"),
+        ("run --motion cmu:99_99", "99.asf from http://mocap.cs.cmu.edu"),
         ("run --level velocity --constraints lookahead", "use level acceleration"),
         ("run obstacle_arm --motion dance", "--motion: obstacle_arm follows keyframes"),
         ("run obstacle_arm --skeleton x.asf", "--skeleton: obstacle_arm follows"),
@@ -547,8 +547,6 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("motion nowhere.amc", "nowhere.amc: there is no such motion file"),
         ("motion", "required: MOTION (see crar-drake motion --help)"),
         ("motion dance --polt x.png", "--polt; did you mean '--plot'?"),
-        ("fetch 5-2", "'5-2' names no trial"),
-        ("fetch", "required: TRIAL"),
         ("playback nowhere.npz", "nowhere.npz: there is no such log"),
         ("compare nowhere.npz there.npz", "nowhere.npz: there is no such log"),
         ("compare one.npz", "name 2 to 6 runs to compare, not 1"),
@@ -768,22 +766,6 @@ def test_another_motion_does_not_take_the_scenarios_rate(empty_folder, capsys):
         assert summary["frame_rate"] == rate
 
 
-def test_fetch_tells_the_licence_and_where_the_files_are(monkeypatch, capsys):
-    asked = []
-
-    def fetch(trial, *, progress, force):
-        asked.append((trial, force))
-        progress(f"{trial}.amc", 10, 20)
-        return MotionFiles(f"cmu:{trial}", Path(f"x/{trial}.amc"), Path("x/05.asf"))
-
-    monkeypatch.setattr("crar_drake.motion.fetch.fetch", fetch)
-    assert main(["fetch", "05_02", "05_07", "--force"]) == 0
-    assert asked == [("05_02", True), ("05_07", True)]
-    output = capsys.readouterr().out
-    assert "may not be resold" in output
-    assert "x/05_02.amc" in output and "x/05_07.amc" in output
-
-
 def test_version(capsys):
     with pytest.raises(SystemExit) as exit:
         main(["--version"])
@@ -807,7 +789,6 @@ COMMANDS = {
     "play": [],
     "motion": ["dance"],
     "list": [],
-    "fetch": ["05_02"],
     "import-robot": ["g1"],
     "retarget": ["dance", "--robot", "g1"],
     "judge": ["log.npz"],

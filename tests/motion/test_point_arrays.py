@@ -37,7 +37,7 @@ def points_of(truth: Performer, names: tuple[str, ...]) -> np.ndarray:
     ahead = 0.15 * truth.orientations["left_ankle"][:, :, 0]
     for side in ("left", "right"):
         toe = p[f"{side}_ankle"] + ahead
-        p |= {f"{side}_foot": toe, f"{side}_foot_index": toe, f"{side}_ear": p["head"]}
+        p |= {f"{side}_foot": toe, f"{side}_ear": p["head"]}
     p["nose"] = p["head"]
     return np.stack([p.get(name, p["neck"]) for name in names], axis=1)
 
@@ -65,9 +65,7 @@ def test_layouts_by_names_and_by_number(layout, named, truth, tmp_path) -> None:
     for joint in ("left_elbow", "right_wrist", "left_knee", "right_ankle", "left_hip"):
         np.testing.assert_allclose(performer.positions[joint], truth.positions[joint])
     assert any(fact.value == layout for fact in performer.facts)
-    guessed = (
-        {"pelvis", "neck", "head"} if layout in ("COCO-17", "MediaPipe-33") else ()
-    )
+    guessed = {"pelvis", "neck", "head"} if layout == "COCO-17" else ()
     assert performer.guessed == frozenset(guessed)
     assert performer.frame_rate == 60.0
     # By hips and trunk alone the pelvis's heading is that of the fitted one nearly.

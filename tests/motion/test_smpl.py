@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from torch_files import Raw, named, opcodes, write_torch
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.catalogue import load_performer
@@ -193,43 +192,6 @@ def test_wrong_files_are_told(changes, options, said, tmp_path) -> None:
     np.savez(tmp_path / "a.npz", **held)
     with pytest.raises(MotionError, match=said):
         performed(tmp_path / "a.npz", **options)
-
-
-def gvhmr(**changes) -> dict:
-    """What GVHMR saves: y up, as 32-bit numbers, one shape for all frames."""
-    turns, root = moving()
-    flat = turns.reshape(FRAMES, 66).astype(np.float32)
-    held = dict(
-        global_orient=flat[:, :3],
-        body_pose=flat[:, 3:],
-        transl=root.astype(np.float32),
-        betas=np.broadcast_to(np.float32([0.5] * 10), (FRAMES, 10)),
-    )
-    return held | changes
-
-
-def test_gvhmr_is_read_without_torch(tmp_path) -> None:
-    np.savez(tmp_path / "a.npz", **gvhmr())
-    expected = performed(tmp_path / "a.npz", frame_rate=30.0)
-    storages: dict[str, bytes] = {}
-    result = dict(
-        smpl_params_global=Raw(opcodes(gvhmr(), storages)),
-        smpl_params_incam=Raw(opcodes(gvhmr(transl=np.ones((FRAMES, 3))), storages)),
-        K_fullimg=Raw(opcodes(np.eye(3), storages)),
-    )
-    write_torch(tmp_path / "a.pt", result, storages=storages)
-    found = performed(tmp_path / "a.pt")
-    assert found.format == "SMPL-X" and found.up == "+y"
-    assert found.frame_rate == 30.0 and found.rate_source == "assumed"
-    assert performed(tmp_path / "a.pt", frame_rate=25.0).rate_source == "given"
-    for joint in ("pelvis", "left_wrist", "right_toe"):
-        np.testing.assert_allclose(found.positions[joint], expected.positions[joint])
-    write_torch(tmp_path / "a.pt", {"model": 1})
-    with pytest.raises(MotionError, match="no turns of a body model's joints"):
-        performed(tmp_path / "a.pt")
-    write_torch(tmp_path / "a.pt", {"model": named("torch.nn", "Linear", 1)})
-    with pytest.raises(MotionError, match="names torch.nn.Linear"):
-        performed(tmp_path / "a.pt")
 
 
 def wham(frame_ids: np.ndarray | None = None) -> dict:

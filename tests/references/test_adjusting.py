@@ -207,16 +207,3 @@ def test_a_motion_that_changed_by_more_violates_that_and_is_written(
 def test_bad_options_are_told(option, text, told, capsys):
     assert main(["clean", "a.csv", "--robot", "b", f"{option}={text}"]) == 2
     assert told in capsys.readouterr().err
-
-
-def test_a_layout_that_is_not_written_is_refused_before_any_work(tmp_path, capsys):
-    (tmp_path / "a.motion").write_bytes(b"")
-    for arguments in (
-        [str(tmp_path / "a.motion")],
-        [str(tmp_path / "none.motion"), "--no-page"],
-        [str(tmp_path), "--layout", "proto-motion"],
-    ):
-        assert main(["clean", *arguments, "--robot", "no such robot"]) == 2
-        told = capsys.readouterr().err
-        assert "proto-motion is read, but not written" in told
-        assert "convert IN.motion OUT.npz --to mjlab-npz" in told

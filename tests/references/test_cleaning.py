@@ -210,21 +210,6 @@ def test_a_foots_height_is_along_the_worlds_vertical(cleaner):
         np.testing.assert_allclose(r[0, :3], expected, atol=1e-12)
 
 
-def test_residuals_change_as_their_jacobian_says(cleaner):
-    rng = np.random.default_rng(3)
-    reference = rng.uniform(-1.0, 1.0, (4, 3))
-    R_WR = np.linalg.qr(rng.normal(size=(4, 3, 3)))[0]
-    R_WR *= np.linalg.det(R_WR)[:, None, None]
-    kept = cleaner._tasks(reference, R_WR, None)
-    frames, h = np.arange(4), 1e-6
-    _, J, *_ = kept.at(frames, reference)
-    for j in range(3):
-        step = h * np.eye(3)[j]
-        ahead, *_ = kept.at(frames, reference + step)
-        behind, *_ = kept.at(frames, reference - step)
-        np.testing.assert_allclose((ahead - behind) / (2 * h), J[:, :, j], atol=1e-6)
-
-
 def test_what_cannot_be_cleaned_for_is_refused(tmp_path):
     folder = write_robot(tmp_path)
     description = load_robot_description(folder)

@@ -27,7 +27,7 @@ from crar_drake.references.robot_motion import RobotMotion
 
 P, Q, JOINTS = moving_samples()
 RATE = 40.0
-WRITTEN = [layout.name for layout in LAYOUTS.values() if layout.written]
+WRITTEN = list(LAYOUTS)
 # Where each layout has the joints.
 ORDER = [DEPTH_FIRST.index(name) for name in BREADTH_FIRST]
 LINKS = ("pelvis", "left_thigh", "left_shin", "right_thigh", "right_shin", "trunk")
@@ -419,7 +419,7 @@ def test_bad_csv_files(tmp_path: Path, robot):
     with pytest.raises(MotionError, match="this is a folder"):
         read_motion(tmp_path)
     (tmp_path / "a.bvh").write_text("x")
-    with pytest.raises(MotionError, match=r"\.csv, \.motion, \.npy, \.npz, \.pkl"):
+    with pytest.raises(MotionError, match=r"\.csv, \.npy, \.npz, \.pkl"):
         read_motion(tmp_path / "a.bvh")
 
 

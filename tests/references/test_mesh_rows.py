@@ -16,7 +16,6 @@ from crar_drake.references.mesh_clearance import ClearanceOfMeshes
 from crar_drake.references.mesh_rows import MeshRows
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
-from crar_drake.trajectory.keeping import Keeper
 from crar_drake.trajectory.optimiser import Samples
 
 RATE = 30.0
@@ -154,38 +153,6 @@ def test_what_has_no_way_out_at_zero_has_rows_elsewhere(tmp_path):
     np.testing.assert_allclose(out.d, 2e-3 + ASKED, atol=1e-4)
 
 
-def test_the_gradient_is_that_of_finite_differences(tmp_path):
-    """Of wedges at all angles, clear of each other and not."""
-    clearance = meshes_of(
-        tmp_path,
-        wedge((0.3, 0.02), (0.5, -0.1), (0.5, 0.1)),
-        wedge((0.1, 0.0), (0.0, -0.06), (-0.02, 0.05)),
-    )
-    turn = np.linspace(-0.16, 0.16, 41)
-    checked, h = {True: 0, False: 0}, 1e-6
-    for slide in (0.19, 0.21, 0.23):
-        q = np.column_stack([turn, np.full(41, slide)])
-        found = rows_of(clearance, q)
-        for k, d, gradient in zip(found.sample, found.d, found.gradient, strict=True):
-            for j in range(2):
-                # Among its neighbours, who know the way out.
-                first = max(k - 5, 0)
-                low, high = (q[first : k + 6].copy() for _ in range(2))
-                low[k - first, j] -= h
-                high[k - first, j] += h
-                a, b = (rows_of(clearance, x) for x in (low, high))
-                both = [x.d[x.sample == k - first] for x in (a, b)]
-                if not all(map(len, both)):
-                    continue
-                slope = float((both[1] - both[0])[0]) / (2.0 * h)
-                # At a corner of the distance there are two.
-                sides = [(d - both[0][0]) / h, (both[1][0] - d) / h]
-                if abs(sides[0] - sides[1]) < 1e-3:
-                    assert slope == pytest.approx(gradient[j], abs=1e-4)
-                    checked[d < 0.0] += 1
-    assert min(checked.values()) >= 20, checked
-
-
 def swing(frames: int, reach: float) -> np.ndarray:
     """(T, 2) the arm turns to an angle and back."""
     t = np.linspace(0.0, 1.0, frames)
@@ -233,27 +200,6 @@ def test_what_is_clear_comes_back_to_the_last_bit(beside_a_wedge):
     found = cleaner_of(beside_a_wedge).clean(q)
     np.testing.assert_array_equal(found.q, q)
     assert found.effort.linearised == 0
-
-
-def test_what_parting_leaves_violated_is_solved_again(beside_a_wedge, monkeypatch):
-    """As if the first round had led a joint beyond its limit where nothing touches."""
-    solve, rounds = Keeper._solve, []
-
-    def beyond_at_first(self, problem, y, state, violating, tries, *others):
-        solve(self, problem, y, state, violating, tries, *others)
-        if len(tries) == 2:
-            rounds.append(np.flatnonzero(violating))
-            if len(rounds) == 1:
-                y[45, -1] = self.model.upper[-1] + 0.01
-                state.margins = self.margins(y[:, -2:])
-
-    monkeypatch.setattr(Keeper, "_solve", beyond_at_first)
-    cleaner, q = cleaner_of(beside_a_wedge), swing(90, 0.53)
-    found = cleaner.clean(q).q
-    assert len(rounds) == 2 and 45 in rounds[1]
-    assert (np.abs(found - q) > 0.0).any()
-    assert beside_a_wedge.find(found).num_unclear == 0
-    assert (found[:, 1] <= cleaner.model.upper[1]).all()
 
 
 def test_parted_twice_is_parted_once(beside_a_wedge):

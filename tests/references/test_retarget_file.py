@@ -20,7 +20,6 @@ from crar_drake.references.certificate_files import (
     read_certificate,
 )
 from crar_drake.references.clean_file import clean_file
-from crar_drake.references.ground_support import Ground, given_share
 from crar_drake.references.motion_certificate import check_certificate
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.retarget_file import retarget_file
@@ -202,10 +201,6 @@ def test_the_layout_is_the_usual_one_of_the_suffix(tmp_path, made, name, layout)
             ["PERSON", "--out", "a.csv", "--layout", "gmr-pkl"],
             "a.csv: .* not of layout gmr-pkl",
         ),
-        (
-            ["PERSON", "--out", "a.motion", "--layout", "proto-motion"],
-            "proto-motion is read, but not written",
-        ),
         (["PERSON", "--rate", "0"], "'0' is not a positive number"),
         (["PERSON", "--rate", "1e9"], "the rate is 1e.09 Hz; .* at most 100000 Hz"),
         (["PERSON", "--robot", "CHAIN"], "needs the task_frames left_elbow, "),
@@ -242,21 +237,3 @@ def test_bad_input_is_told(made, tmp_path, monkeypatch, capsys, arguments, told)
     assert said[0].startswith("crar-drake: error:") and "Traceback" not in error
     assert re.search(told, error), error
     assert not list(tmp_path.glob("**/*.certificate.json"))
-
-
-def test_it_is_balanced_if_that_is_asked_for(made, tmp_path, motion):
-    """As Drake's inverse dynamics judges what was written without, and with it."""
-    robot, person, _, plain = made
-    assert plain.cleaned.stands == -1 and np.isnan(plain.cleaned.given)
-    out = tmp_path / "balanced.csv"
-    found = retarget_file(person, out, str(robot), rate=RATE, balance=True)
-    whole = WholeBody(load_robot_description(robot))
-    ground = Ground(whole)
-    was, now = (
-        given_share(ground.outside(each))
-        for each in (motion, read_motion(out, robot=whole))
-    )
-    assert now == found.cleaned.given > 0.95 and now > was
-    assert not found.cleaned.violated
-    assert read_certificate(certificate_path(out))["options"]["balance"] is True
-    assert found.limbs_most < plain.limbs_most + np.radians(3.0)

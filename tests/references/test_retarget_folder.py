@@ -150,8 +150,8 @@ def test_what_is_wrong_with_all_is_told_once(
     places, tmp_path, capsys, no_new_processes
 ):
     robot, people = places
-    with pytest.raises(MotionError, match="read, but not written"):
-        retarget(places, tmp_path / "out", layout="proto-motion")
+    with pytest.raises(MotionError, match="there is no layout"):
+        retarget(places, tmp_path / "out", layout="nonsense")
     with pytest.raises(CrarError, match="own folder, or below"):
         retarget(places, people / "out")
     legless = write_robot(tmp_path)

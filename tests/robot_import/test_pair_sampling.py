@@ -10,7 +10,6 @@ from small_urdfs import joint, link, robot
 from crar_drake.robot_import.capsule_fitting import FittedCapsule
 from crar_drake.robot_import.pair_sampling import (
     PairDistances,
-    gaps,
     position_ranges,
     sample_pairs,
 )
@@ -91,34 +90,6 @@ def test_minimising_finds_what_samples_do_not(plant):
     assert distances.of_all(q).min() > 1.0
     found = sample_pairs(plant, capsules, np.zeros(1), set(), 20)
     assert found.watched == [list(pairs[0])]
-
-
-def test_distances_and_gradients_of_many_postures(plant):
-    """Against Drake's own poses, and differences."""
-    capsules = {
-        "ahead": [
-            POST,
-            FittedCapsule(np.array([0.1, 0, 0]), np.array([0.3, 0, 1]), 0.1),
-        ],
-        "tail": [BALL, FittedCapsule(np.zeros(3), np.array([0.2, 0.1, 0]), 0.05)],
-        "aside": [BALL],
-    }
-    pairs = [("ahead", "tail"), ("tail", "aside")]
-    distances = PairDistances(plant, capsules, pairs)
-    q = np.array([[-1.1], [0.2], [0.9]])
-    context = plant.CreateDefaultContext()
-    for row, at in zip(distances.of_all(q), q, strict=True):
-        plant.SetPositions(context, at)
-        poses = {
-            name: plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
-            for name in capsules
-        }
-        np.testing.assert_allclose(row, gaps(capsules, pairs, poses), atol=1e-12)
-    which = np.array([0, 1, 0])
-    d, gradient = distances.of_each(which, q)
-    np.testing.assert_allclose(d, distances.of_all(q)[np.arange(3), which])
-    ahead, behind = (distances.of_each(which, q + h)[0] for h in (1e-6, -1e-6))
-    np.testing.assert_allclose(gradient[:, 0], (ahead - behind) / 2e-6, atol=1e-8)
 
 
 @pytest.mark.parametrize(

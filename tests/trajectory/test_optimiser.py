@@ -7,17 +7,12 @@ import pytest
 from scipy.optimize import minimize
 
 from crar_drake.errors import CrarError
-from crar_drake.trajectory import optimiser
-from crar_drake.trajectory.distance_rows import NearRows, no_rows
+from crar_drake.trajectory.distance_rows import NearRows
 from crar_drake.trajectory.optimiser import (
-    NO_WIDE,
     AtFrames,
     Part,
     Problem,
     Samples,
-    Wide,
-    WideRows,
-    spread,
 )
 
 FRAMES, M = 12, 2
@@ -206,122 +201,3 @@ def test_one_that_cannot_be_had_ends_and_is_as_near_as_may_be():
     part.begin()
     part.solve(FRAMES)
     assert np.isfinite(part.y).all() and disc(part.y)[0].max() < 0.01
-
-
-@pytest.mark.parametrize("by", [0, 1, 3, 50])
-def test_a_mask_spreads_to_both_sides(by):
-    mask = np.zeros(20, dtype=bool)
-    mask[[4, 12]] = True
-    expected = [any(abs(k - i) <= by for i in (4, 12)) for k in range(20)]
-    np.testing.assert_array_equal(spread(mask, by), expected)
-
-
-def test_gaps_of_one_or_two_frames_are_closed():
-    mask = np.array([1, 0, 1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0], dtype=bool)
-    closed = np.array([1, 1, 1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 0, 0], dtype=bool)
-    np.testing.assert_array_equal(optimiser._closed(mask), closed)
-
-
-def test_a_way_is_gone_if_its_end_is_lower_else_to_the_least_of_dense_samples():
-    rng = np.random.default_rng(3)
-    u = np.linspace(0.0, 1.0, 100_001)
-    whole, inner = 0, 0
-    for _ in range(80):
-        lacks = [rng.normal(size=5), rng.normal(size=(2, 3))]
-        going = [rng.normal(size=5), rng.normal(size=(2, 3))]
-        straight, weights = (-rng.uniform(0.0, 9.0), rng.uniform(0.0, 9.0)), (3.0, 7.0)
-        height = u * straight[0] + 0.5 * u**2 * straight[1]
-        for c, g, rho in zip(lacks, going, weights, strict=True):
-            kinks = np.maximum(0.0, c.ravel() - u[:, None] * g.ravel())
-            height += 0.5 * rho * (kinks**2).sum(axis=1)
-        found = optimiser._share_of_way(straight, lacks, going, weights)
-        if height[-1] < height[0]:
-            assert found == 1.0
-            whole += 1
-            continue
-        best = u[height.argmin()]
-        assert best - 1e-5 <= found <= best + 0.5**optimiser._HALVINGS + 1e-5
-        inner += best > 0.0
-    assert whole > 5 and inner > 5
-
-
-def bent(frames, y):
-    """That y_0 bends by -0.002 at most, or less where y_1 is high: of three frames."""
-    inner = np.zeros(len(frames), dtype=bool)
-    inner[1:-1] = frames[2:] - frames[:-2] == 2
-    middle = np.flatnonzero(inner)
-    bend = y[middle - 1, 0] - 2.0 * y[middle, 0] + y[middle + 1, 0]
-    gradient = np.zeros((len(middle), 3, M))
-    gradient[:, :, 0] = [1.0, -2.0, 1.0]
-    gradient[:, 1, 1] = -0.2 * y[middle, 1]
-    d = bend + 0.002 - 0.1 * y[middle, 1] ** 2
-    return WideRows(middle[:, None] + [-1, 0, 1], 0 * middle, d, gradient)
-
-
-PENALTY = 4e4
-
-
-def bending(most: float = np.inf) -> Problem:
-    return problem(
-        wide=Wide(bent, bent, num_rows=1, width=3, penalty=PENALTY, most=most),
-        fastest=np.full(M, np.inf),
-        lower=np.full(M, -np.inf),
-        upper=np.full(M, np.inf),
-        near_rows=lambda at, y, look: no_rows(M),
-    )
-
-
-def solved(of: Problem, free: np.ndarray) -> np.ndarray:
-    part = Part(of, 0, of.posture.copy(), free, samples())
-    part.begin()
-    part.solve(FRAMES)
-    return part.y
-
-
-@pytest.mark.parametrize("held", [False, True])
-def test_rows_of_three_frames_are_kept_at_the_least_cost(held):
-    """As SciPy's sequential programs keep them; with held frames beside them, too."""
-    of, free = bending(), np.ones(FRAMES, dtype=bool)
-    if held:
-        free[[0, 1, 2]] = False
-
-    def whole(x):
-        y = of.posture.copy()
-        y[free] = x.reshape(-1, M)
-        return y
-
-    concerned = spread(free, 1)[1:-1]
-    assert bent(np.arange(FRAMES), of.posture).d[concerned].min() < -0.01
-    y = solved(of, free)
-    assert bent(np.arange(FRAMES), y).d[concerned].min() > -1e-3
-    found = minimize(
-        lambda x: cost(of, whole(x)),
-        y[free].ravel(),
-        method="SLSQP",
-        constraints={
-            "type": "ineq",
-            "fun": lambda x: bent(np.arange(FRAMES), whole(x)).d[concerned],
-        },
-        options={"ftol": 1e-12, "maxiter": 500},
-    )
-    assert found.success
-    assert 0.98 * found.fun < cost(of, y) < 1.01 * found.fun
-    assert found.fun > 1.2 * cost(of, solved(replace(of, wide=NO_WIDE), free))
-    np.testing.assert_array_equal(y[~free], of.posture[~free])
-
-
-def test_rows_whose_multipliers_are_at_their_bound_are_squares():
-    """With a bound of 0: SciPy minimises the sum of both."""
-    of, free = bending(most=0.0), np.ones(FRAMES, dtype=bool)
-    of = replace(of, wide=replace(of.wide, penalty=200.0))
-
-    def merit(x):
-        y = x.reshape(FRAMES, M)
-        lacks = np.minimum(0.0, bent(np.arange(FRAMES), y).d)
-        return cost(of, y) + 100.0 * float((lacks**2).sum())
-
-    y = solved(of, free)
-    assert bent(np.arange(FRAMES), y).d.min() < -5e-3
-    found = minimize(merit, y.ravel(), options={"gtol": 1e-9})
-    assert merit(y.ravel()) < 1.01 * found.fun
-    assert found.fun < 0.8 * merit(of.posture.ravel())

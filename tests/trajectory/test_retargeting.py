@@ -1,5 +1,4 @@
-"""What a person asks of a robot: residuals and rows against finite differences, and the
-side on which limbs bend."""
+"""A person's motion on small robots: on which side limbs bend, and where feet stand."""
 
 import re
 from dataclasses import replace
@@ -7,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from short_motions import short_amc
-from small_walker import HEIGHT, HIP, leg_points, walker
+from small_walker import HEIGHT, HIP, walker
 
 from crar_drake.errors import ModelError
 from crar_drake.motion.catalogue import load_performer
@@ -17,17 +16,13 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory import retargeting
 from crar_drake.trajectory.body_points import ROOT, Placed
 from crar_drake.trajectory.distance_rows import no_rows
-from crar_drake.trajectory.keeping import Keeper
-from crar_drake.trajectory.optimiser import AtFrames, Samples
 from crar_drake.trajectory.performer_targets import FootTarget, performer_targets
 from crar_drake.trajectory.retargeting import (
     MOST_SLIP,
-    NearRowsAndFloor,
-    PersonTasks,
     Retargeter,
 )
 
-STEP, RATE = 1e-6, 15.0
+RATE = 15.0
 
 
 def with_hands(folder):
@@ -59,114 +54,6 @@ def unknowns(robot, frames, seed=0):
     rest = robot.rest[robot.model.controlled_positions]
     y[:, ROOT:] = np.clip(rest + y[:, ROOT:], robot.model.lower, robot.model.upper)
     return y
-
-
-def slopes(of, y):
-    found = []
-    for k in range(y.shape[1]):
-        step = STEP * np.eye(y.shape[1])[k]
-        found.append((of(y + step) - of(y - step)) / (2.0 * STEP))
-    return np.stack(found, axis=-1)
-
-
-def test_jacobians_of_all_that_a_person_asks_for(robot, targets):
-    frames, y = np.array([3, 40, 41, 90]), unknowns(robot, 4)
-    tasks = PersonTasks(robot, targets)
-    found = tasks.at(frames, y)
-    assert found.r.shape == (4, 3 * 11 + 6 + 8 + 8 + 18)
-    np.testing.assert_allclose(
-        found.J, slopes(lambda y: tasks.at(frames, y).r, y), atol=3e-6
-    )
-    np.testing.assert_allclose(
-        found.G, slopes(lambda y: tasks.at(frames, y).f, y), atol=1e-7
-    )
-
-
-def test_nothing_is_asked_for_where_the_robot_does_it(robot, targets):
-    """Of soles that are where they are wanted, and of a root that is where it is."""
-    frames, y = np.array([10]), unknowns(robot, 1)
-    y[:, :ROOT] = 0.0
-    points, _ = robot.placed(targets, frames, y).points(*robot.sole_points())
-    for k, side in enumerate(("left", "right")):
-        foot, corners = targets.feet[side], points[0, 4 + 4 * k : 8 + 4 * k]
-        foot.heel[10], foot.ball[10] = points[0, 2 * k : 2 * k + 2]
-        foot.heights[10] = corners[:, 2] - 4e-4  # they are wanted so much higher
-    r = PersonTasks(robot, targets).at(frames, y).r[0]
-    limbs = 3 * len(targets.directions)
-    np.testing.assert_allclose(r[limbs : limbs + 6 + 16], 0.0, atol=1e-10)
-    assert np.abs(r[:limbs]).max() > 0.01
-
-
-def test_what_stands_is_to_stand(robot, targets):
-    """Steps of a heel or ball that stands at both ends are the person's, and others do
-    not count; what stands counts more at its place than what is high in the air."""
-    tasks = PersonTasks(robot, targets)
-    foot, p = targets.feet["left"], robot.parameters
-    stands = foot.on_heel[1:] & foot.on_heel[:-1]
-    assert 0.3 < stands.mean() < 1.0
-    weights, steps = tasks.step_weights[:, :2], tasks.steps[:, :2]
-    assert (weights[stands] == p.standing).all() and not weights[~stands].any()
-    np.testing.assert_allclose(steps, np.diff(foot.heel[:, :2], axis=0))
-    assert np.median(np.abs(steps[stands])) < 1e-3
-    of_place = tasks._end_weights[:, 0]
-    assert (of_place[foot.on_heel] == p.planted).all() and not foot.on_heel.all()
-    share = np.clip(1.0 - foot.heel[:, 2] / 0.08, 0.0, 1.0)
-    expected = p.foot + share * (p.planted - p.foot)
-    air = ~foot.on_heel
-    np.testing.assert_allclose(of_place[air], expected[air])
-    assert of_place[air].min() < 0.95 * p.planted
-
-
-def test_legs_are_parted_further_only_while_one_is_in_the_air(robot, targets):
-    """By all that is asked for, and by nothing while both feet stand."""
-    keeper = Keeper(robot.model, RATE, 4e-3, 5e-4)
-    keeper.room[:] = 0.5
-    left, right = (targets.feet[side] for side in ("left", "right"))
-    for foot in (left, right):
-        foot.on_heel[:], foot.on_ball[:] = False, False
-    left.on_heel[:], right.on_ball[30:60] = True, True
-    frames = np.arange(0, 90)
-    at = Samples(frames, np.zeros(90), np.zeros(90))
-    y = np.repeat(unknowns(robot, 1), 90, axis=0)
-    rows = NearRowsAndFloor(robot, targets, keeper)(at, y, 0.2)
-    pair = rows.row[rows.row < keeper.num_rows][0]
-    d = rows.d[rows.row == pair]
-    assert len(d) == 90
-    np.testing.assert_allclose(d[30:60], d[45], atol=1e-12)
-    for far in (d[:25], d[65:]):
-        np.testing.assert_allclose(far, d[45] - 0.5, atol=1e-12)
-    assert (np.diff(d[25:31]) >= 0.0).all() and (np.diff(d[59:65]) <= 0.0).all()
-
-
-def test_rows_of_the_floor_are_the_lowest_points_of_links(robot, targets):
-    keeper = Keeper(robot.model, RATE, 4e-3, 5e-4)
-    rows = NearRowsAndFloor(robot, targets, keeper)
-    frames, y = np.array([5, 60]), unknowns(robot, 2)
-    y[:, :ROOT] = 0.0
-    y[:, 2] = -0.02
-    at = Samples(frames, np.zeros(2), np.zeros(2))
-    found = rows(at, y, 0.05)
-    assert (np.diff(found.sample) >= 0).all()
-    of_floor = found.row >= keeper.num_rows
-    assert {0, 1} == set(found.sample[of_floor])
-    for k, frame in enumerate(frames):
-        q = dict(zip(robot.model.joint_names, y[k, ROOT:], strict=True))
-        R, p = targets.root_rotations[frame], targets.root_positions[frame] + y[k, :3]
-        here = of_floor & (found.sample == k)
-        lowest = [
-            (p + leg_points(side, q)["sole"] @ R.T)[:, 2].min() - 0.01
-            for side in ("left", "right")
-        ]
-        expected = sorted(z for z in lowest if z < 0.05)
-        np.testing.assert_allclose(sorted(found.d[here]), expected, atol=1e-9)
-    for k in range(y.shape[1]):
-        step = STEP * np.eye(y.shape[1])[k]
-        ahead, behind = (rows(at, y + s * step, 0.05).d for s in (1, -1))
-        change = (ahead - behind) / (2.0 * STEP)
-        np.testing.assert_allclose(found.gradient[:, k], change, atol=1e-6)
-    # Between frames nobody looks at the floor.
-    between = rows(Samples(frames, np.full(2, 0.5), np.zeros(2)), y, 0.05)
-    assert (between.row < keeper.num_rows).all()
 
 
 def limits(robot, joint):
@@ -317,46 +204,6 @@ def test_a_robot_that_lacks_a_frame_is_told_which(tmp_path):
         Retargeter(load_robot_description(tmp_path))
 
 
-def test_from_heel_on_ball_a_foot_goes_as_it_is_wanted_to(robot, targets):
-    """In that step neither stands at both ends, and the foot is on the floor."""
-    foot, p = targets.feet["left"], robot.parameters
-    foot.on_heel[:], foot.on_ball[:] = False, False
-    foot.on_heel[3:8], foot.on_ball[8:12] = True, True
-    weights = PersonTasks(robot, targets).step_weights[:, :4]
-    expected = np.zeros_like(weights)
-    expected[3:8, :2], expected[7:11, 2:] = p.standing, p.standing
-    np.testing.assert_array_equal(weights, expected)
-
-
-def test_a_contact_that_slips_is_let_go(robot, targets):
-    """That one alone: its place counts less, and steps about which it turns more."""
-    left, right = targets.feet["left"], targets.feet["right"]
-    for foot in (left, right):
-        foot.on_heel[:], foot.on_ball[:] = False, False
-        foot.on_heel[3:12], foot.on_ball[6:12] = True, True
-        foot.on_ball[20:30] = True
-    tasks, y = PersonTasks(robot, targets), np.zeros((len(targets.root_positions), 0))
-    at = np.zeros((len(y), 8))
-    at[1:] = np.cumsum(tasks.steps, axis=0)
-    at[9:, 6:8] += [3e-3, 0.0]  # a ball whose heel stands has turned about that
-    at[25:, 2:4] += [0.0, 2.1e-3]
-    tasks.at = lambda frames, y: AtFrames(None, None, at[frames], None)
-    places, steps = tasks._end_weights.copy(), tasks.step_weights.copy()
-    assert tasks.slip(y) == pytest.approx(1e-4)  # [m]
-    slips = tasks.let_slipping_go(y)
-    np.testing.assert_array_equal(np.flatnonzero(slips), np.arange(20, 30))
-    places[20:30, :4] = robot.parameters.foot
-    np.testing.assert_array_equal(tasks._end_weights, places)
-    steps[20:29, 2:4] *= 5.0
-    np.testing.assert_array_equal(tasks.step_weights, steps)
-    # Flat, the ball is held more, and the heel as before.
-    at[9:, 4:6] += [3e-3, 0.0]
-    steps[3:6, 4:6] *= 5.0
-    steps[6:11, 6:8] *= 5.0
-    tasks.let_slipping_go(y)
-    np.testing.assert_array_equal(tasks.step_weights[:19], steps[:19])
-
-
 def standing_beside(robot, targets, frames, last, beside):
     """Who stands, and from a frame on with the right foot so far from the left [m]."""
     share = smooth_step((np.arange(frames) - last) / 8.0 + 1.0)[:, None]
@@ -411,47 +258,3 @@ def test_a_foot_that_has_no_room_where_it_is_wanted_stands_elsewhere(
     assert slip(robot, targets, found) < MOST_SLIP
     monkeypatch.setattr(retargeting, "MOST_SLIP", np.inf)
     assert slip(robot, targets, robot.retarget(None, RATE)) > MOST_SLIP
-
-
-def kept_twice(targets, monkeypatch, second):
-    """What `Keeper.keep` finds at first and again; the latter is changed by `second`,
-    which is given the first."""
-    monkeypatch.setattr(retargeting, "performer_targets", lambda *_: targets)
-    keep, kept = Keeper.keep, []
-
-    def keeps(self, *arguments, **named):
-        y, violating, effort = keep(self, *arguments, **named)
-        if kept:
-            y, violating = second(kept[0], y, violating)
-        kept.append(y)
-        return y, violating, effort
-
-    monkeypatch.setattr(Keeper, "keep", keeps)
-    return kept
-
-
-def test_but_not_where_that_violates_more(robot, targets, monkeypatch):
-    def worse(first, again, violating):
-        violating[40] = True
-        return again, violating
-
-    targets = standing_beside(robot, targets, 150, 120, 0.01)
-    kept = kept_twice(targets, monkeypatch, worse)
-    shown = []
-    found = robot.retarget(None, RATE, shown.append)
-    assert len(kept) == 2 and not found.violating.any()
-    np.testing.assert_array_equal(found.q, kept[0][:, ROOT:])
-    assert shown.count(150) == 2  # each comes to the end
-
-
-def test_nor_where_feet_slip_as_much(robot, targets, monkeypatch):
-    def no_better(first, again, violating):
-        again = first.copy()
-        again[:, ROOT + robot.model.joint_names.index("left_fore_arm_j")] += 1e-6
-        return again, violating
-
-    targets = standing_beside(robot, targets, 150, 120, 0.01)
-    kept = kept_twice(targets, monkeypatch, no_better)
-    found = robot.retarget(None, RATE)
-    assert len(kept) == 2
-    np.testing.assert_array_equal(found.q, kept[0][:, ROOT:])

@@ -163,11 +163,11 @@ def _read_csv(path: Path) -> PointArrays:
     return PointArrays(
         () if are_numbered(tuple(points)) else tuple(points),
         _checked(path, "the columns", positions),
-        even_rate(path, times),
+        _even_rate(path, times),
     )
 
 
-def even_rate(path: Path, times: list[float]) -> float:
+def _even_rate(path: Path, times: list[float]) -> float:
     """The rate of times [s] that are evenly spaced [Hz]; 0 of fewer than two.
 
     Raises:

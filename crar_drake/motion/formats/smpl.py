@@ -1,4 +1,4 @@
-"""Motions of the body models SMPL, SMPL-H and SMPL-X, of AMASS, GVHMR and WHAM.
+"""Motions of the body models SMPL, SMPL-H and SMPL-X, of AMASS and WHAM.
 
 A joint's turn against its parent is an axis times an angle; the pelvis's is in the
 file's axes. The first 22 joints are the same in all three models; hands and face are
@@ -11,9 +11,8 @@ poses, trans                           (T, 3 J), (T,  AMASS: J is 52 (SMPL-H) or
                                        3)             (SMPL-X)
 root_orient, pose_body, trans          (T, 3), (T,    AMASS of SMPL-X, beside `poses`
                                        63), (T, 3)
-global_orient, body_pose, transl       (T, 3), (T,    the package smplx; GVHMR, in
-                                       63), (T, 3)    `smpl_params_global` of a file
-                                                      of `torch.save`
+global_orient, body_pose, transl       (T, 3), (T,    the package smplx
+                                       63), (T, 3)
 pose_world, trans_world, frame_ids     (T, 72), (T,   WHAM, in a pickle, one such dict
                                        3), (T,)       for each person (SMPL)
 mocap_framerate, mocap_frame_rate,     ()             [Hz]
@@ -21,9 +20,9 @@ fps, frame_rate
 betas                                  (10) or more   the body's shape
 =====================================  =============  ================================
 
-Lengths are in metres. GVHMR's files and WHAM's say no rate; GVHMR's own is 30 Hz.
-Sources: amass.is.tue.mpg.de; `smplx/body_models.py` of github.com/vchoutas/smplx;
-`tools/demo/demo.py` of github.com/zju3dv/GVHMR; `demo.py` of github.com/yohanshin/WHAM.
+Lengths are in metres. WHAM's files say no rate. Sources: amass.is.tue.mpg.de;
+`smplx/body_models.py` of github.com/vchoutas/smplx; `demo.py` of
+github.com/yohanshin/WHAM.
 """
 
 import os
@@ -39,7 +38,6 @@ from crar_drake.motion.formats.point_arrays import RATES, one_rate
 from crar_drake.motion.plain_pickle import read_plain_pickle
 from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.smpl_skeleton import NAMES, offsets_of
-from crar_drake.motion.torch_zip import read_torch_zip
 
 # Turns, side by side, and the translation.
 _KEYS = (
@@ -48,7 +46,6 @@ _KEYS = (
     (("global_orient", "body_pose"), "transl"),
     (("pose_world",), "trans_world"),
 )
-_GVHMR, _GVHMR_RATE = "smpl_params_global", 30.0  # [Hz]
 _WHAM, _FRAMES = "pose_world", "frame_ids"
 
 _SHAPE, _MODEL = "betas", "surface_model_type"
@@ -67,7 +64,6 @@ class SmplMotion:
     frame_rate: float  # samples per second [Hz]; 0 if the file does not say
     model: str  # "SMPL", whose skeleton SMPL-H has as well, or "SMPL-X"
     betas: np.ndarray  # (K,) the body's shape; none if the file does not say
-    rate_assumed: bool = False  # whether the rate is what such files usually have
     notes: tuple[str, ...] = ()  # what of the file is left out
 
 
@@ -84,19 +80,6 @@ def read_smpl(path: str | os.PathLike[str]) -> SmplMotion:
     """
     path = Path(path)
     return _smpl_of(str(path), load_arrays(path, _USED))
-
-
-def read_gvhmr(path: str | os.PathLike[str]) -> SmplMotion:
-    """Reads a `.pt` of GVHMR, or another of `torch.save` with the keys of smplx.
-
-    Raises:
-        MotionError: as `read_smpl`, or it holds more than tensors and plain data.
-    """
-    held = read_torch_zip(path)
-    if isinstance(held, dict) and isinstance(held.get(_GVHMR), dict):
-        held = {"fps": _GVHMR_RATE} | held[_GVHMR]
-        return replace(_smpl_of(str(path), held), rate_assumed=True)
-    return _smpl_of(str(path), held if isinstance(held, dict) else {})
 
 
 def read_wham(path: str | os.PathLike[str]) -> SmplMotion:

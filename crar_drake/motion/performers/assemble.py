@@ -29,7 +29,6 @@ from crar_drake.motion.performer import (
 )
 from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.rates import rate_doubt
-from crar_drake.motion.travel import travelling
 
 # A performer whose feet are no farther than this from the file's zero height stands
 # on it; else the file's origin is elsewhere (often at the pelvis).
@@ -75,8 +74,6 @@ class Recording(Described):
     # whether the body's lengths are not the person's, and so the file's height 0 not
     # its floor
     floor_unknown: bool = False
-    # whether the points are relative to the pelvis; then the feet take them along
-    without_travel: bool = False
     # (T, 3) what is up in the pelvis; the neck from it by default
     pelvis_up: np.ndarray | None = None
     # hand to the vectors (T, 3) to its fingertips and to its thumb's side
@@ -128,10 +125,6 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
     R_WF = frame.R_WF
     world = {joint: frame.metres * p[joint] @ R_WF.T for joint in JOINTS if joint in p}
     facts = [*frame.facts, *recording.facts]
-    if recording.without_travel:
-        world = travelling(world, recording.frame_rate)
-        why = "points are relative to the pelvis: from feet that stand"
-        facts.append(Fact("travel", "rebuilt", "inferred", why))
     within = 0.0 if recording.floor_unknown else _FLOOR
     floor, floor_fact = _floor(world, leg_length(world), within)
     world = {joint: q - [0.0, 0.0, floor] for joint, q in world.items()}

@@ -3,7 +3,7 @@
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.file_frame import leg_length, seems_mirrored
+from crar_drake.motion.file_frame import seems_mirrored
 from crar_drake.motion.formats.point_arrays import PointArrays
 from crar_drake.motion.gaps import fill_all
 from crar_drake.motion.joint_names import joints_by_name, load_joint_file
@@ -16,9 +16,6 @@ from crar_drake.motion.performers.assemble import (
     assemble,
 )
 from crar_drake.motion.point_layouts import LAYOUTS, MEANS, joints_of_layout, layout_of
-
-# MediaPipe's hips are about 0 by some millimetres only; share of a leg's length.
-_AT_ORIGIN = 0.06
 
 
 def points_performer(
@@ -89,7 +86,6 @@ def points_performer(
                 "track positions only"
             ),
             unit=arrays.unit,
-            without_travel=layout == "MediaPipe-33" and _at_origin(points),
             bones=len(names),
             bones_called="points",
             same=repeated(np.hstack(list(filled.values()))),
@@ -99,9 +95,3 @@ def points_performer(
         ),
         options,
     )
-
-
-def _at_origin(points: dict[str, np.ndarray]) -> bool:
-    """Whether the middle of the hips stays at 0, as of MediaPipe's world landmarks."""
-    middle = (points["left_hip"] + points["right_hip"]) / 2.0
-    return float(np.abs(middle).max()) < _AT_ORIGIN * leg_length(points)

@@ -37,7 +37,6 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
     """
     options.refuse(("unit", "joints"), f"motion {name} is of {motion.model}")
     rate, rate_source = options.rate_of(name, motion.frame_rate)
-    assumed = motion.rate_assumed and rate_source == "file"
     if options.skeleton:
         offsets = read_smpl_offsets(options.skeleton, motion.betas)
         lengths = Fact("lengths", "of the body's shape", "given", options.skeleton)
@@ -60,7 +59,7 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
             name=name,
             format=motion.model,
             frame_rate=rate,
-            rate_source="assumed" if assumed else rate_source,
+            rate_source=rate_source,
             positions={joint: p[:, i] for joint, i in index.items()},
             joints={joint: NAMES[i] for joint, i in index.items()},
             rotations={joint: R[:, i] for joint, i in index.items()},

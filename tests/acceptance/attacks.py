@@ -129,6 +129,8 @@ def run(
     """
     law.restart()
     q, v = law.rest.copy(), np.zeros(len(law.rest))
+    if prescribed is not None:
+        q[law.prescribed], v[law.prescribed] = prescribed[0, :2]
     count = round(law.period / plant_step) if plant_step else INSTANTS
     part = law.period / count
     Q, V, A, steps = [], [], [], []
@@ -177,8 +179,12 @@ def attack(
 
 
 def assert_nothing_is_violated(judge: RobotJudge, law: product.Law, found: Run) -> None:
-    """Of watched distances, position limits and speed limits, at all instants."""
+    """Of watched distances, position limits and speed limits, at all instants; and the
+    distances that are told are the true ones."""
     assert_apart(judge, found.q)
+    told = np.array([step.distances for step in found.steps])
+    true = judge.distances(found.q[:: found.instants])
+    assert np.abs(told - true).max() < ROUNDING
     c = law.controlled
     low, high = judge.lower[c] - ROUNDING, judge.upper[c] + ROUNDING
     beyond = (found.q[:, c] < low) | (found.q[:, c] > high)

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.geometry import Capsule, HalfSpace, SceneGraph, Sphere
+from pydrake.geometry import Capsule, HalfSpace, QueryObject, SceneGraph, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Joint, MultibodyForces, RigidBody
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
@@ -29,6 +29,7 @@ class RobotJudge:
 
     Attributes:
         plant, scene_graph: parsed from the file, the base welded where it stands.
+        context: of the plant, at the state of whoever used it last.
         joints: (n,) names of the joints, each with one position, in the plant's order:
             that of all vectors.
         lower, upper, speeds, efforts: (n,) their limits, infinite where there are none.
@@ -55,7 +56,9 @@ class RobotJudge:
         """
         self._file, self._base = Path(file), base
         self._X_WB = RigidTransform(RollPitchYaw(turn), place)
-        self.plant, self.scene_graph = self._parse(time_step, welded=True)
+        self.plant, self.scene_graph, diagram = self._parse(time_step, welded=True)
+        self._root = diagram.CreateDefaultContext()
+        self.context = self.plant.GetMyMutableContextFromRoot(self._root)
         every = [self.plant.get_joint(i) for i in self.plant.GetJointIndices()]
         self._carriers = {int(j.child_body().index()): j for j in every}
         moving = sorted(
@@ -76,14 +79,14 @@ class RobotJudge:
                 self.efforts[motor.joint().velocity_start()] = motor.effort_limit()
         self.pairs = [tuple(pair) for pair in pairs]
         self._gather_shapes()
-        self._context = self.plant.CreateDefaultContext()
 
     # --- the robot ----------------------------------------------------------------
 
     def _parse(
         self, time_step: float, welded: bool
-    ) -> tuple[MultibodyPlant, SceneGraph]:
-        plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), time_step)
+    ) -> tuple[MultibodyPlant, SceneGraph, Diagram]:
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
         parser = Parser(plant)
         package = self._file.parent / "package.xml"
         if package.is_file():
@@ -93,7 +96,7 @@ class RobotJudge:
             frame = find_link(plant, self._base).body_frame()
             plant.WeldFrames(plant.world_frame(), frame, self._X_WB)
         plant.Finalize()
-        return plant, scene_graph
+        return plant, scene_graph, builder.Build()
 
     def _gather_shapes(self) -> None:
         """The segments and radii of all links of pairs, planes, and who meets whom."""
@@ -243,6 +246,11 @@ class RobotJudge:
         of_links = self._of_link.values()
         return np.stack([fastest[:, shapes].max(axis=1) for shapes in of_links], 1)
 
+    def query(self) -> QueryObject:
+        """SceneGraph's own answers, at the state of `context`."""
+        of = self.scene_graph.GetMyContextFromRoot(self._root)
+        return self.scene_graph.get_query_output_port().Eval(of)
+
     # --- forces -------------------------------------------------------------------
 
     def torques(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -256,10 +264,10 @@ class RobotJudge:
         # A discrete plant damps by the velocity after its step.
         damped = self.damping * (v + plant.time_step() * a)
         for q_k, v_k, a_k in zip(q, v, a, strict=True):
-            plant.SetPositions(self._context, q_k)
-            plant.SetVelocities(self._context, v_k)
-            plant.CalcForceElementsContribution(self._context, forces)
-            found.append(plant.CalcInverseDynamics(self._context, a_k, forces))
+            plant.SetPositions(self.context, q_k)
+            plant.SetVelocities(self.context, v_k)
+            plant.CalcForceElementsContribution(self.context, forces)
+            found.append(plant.CalcInverseDynamics(self.context, a_k, forces))
         return np.array(found) + damped
 
     def ground_wrenches(
@@ -270,7 +278,7 @@ class RobotJudge:
 
         Drake's inverse dynamics of the same file with a base that floats.
         """
-        plant, _ = self._parse(0.0, welded=False)
+        plant, _, _ = self._parse(0.0, welded=False)
         context, forces = plant.CreateDefaultContext(), MultibodyForces(plant)
         base = find_link(plant, self._base)
         names = {self.joints[i]: i for i in range(len(self.joints))}

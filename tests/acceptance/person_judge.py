@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-RATE = 120.0  # of the recordings used here [Hz]
+UNIT = 0.0254 / 0.45  # of the database [m]
 # Each limb: the bones of the person whose beginnings it joins ("" is where the bone
 # before ends).
 BONES = {
@@ -21,18 +21,32 @@ BONES = {
 }
 
 
-def limbs_of(amc: Path, every: int) -> dict[str, np.ndarray]:
-    """(T, 3) directions of the person's limbs, of each `every`-th frame."""
+STANDS = 0.1  # a foot whose ankle and toes are slower stands [m/s]
+
+
+def read(amc: Path, every: int) -> dict[str, np.ndarray]:
+    """(T, 3) where the person's bones begin, of each `every`-th frame [m]."""
     skeleton = _read_skeleton(next(amc.parent.glob("*.asf")))
-    frames = list(_read_frames(amc))[::every]
-    limbs: dict[str, list] = {}
-    for frame in frames:
-        starts = _starts(skeleton, frame)
-        for limb, (upper, lower) in BONES.items():
-            for side in ("left", "right"):
-                way = starts[side[0] + lower] - starts[side[0] + upper]
-                limbs.setdefault(f"{side} {limb}", []).append(way[[2, 0, 1]])
-    return {limb: _unit(np.array(ways)) for limb, ways in limbs.items()}
+    frames = [_starts(skeleton, frame) for frame in list(_read_frames(amc))[::every]]
+    return {
+        bone: UNIT * np.array([frame[bone] for frame in frames])[:, [2, 0, 1]]
+        for bone in frames[0]
+    }
+
+
+def limbs_of(person: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """(T, 3) directions of the person's limbs."""
+    return {
+        f"{side} {limb}": direction(person[side[0] + upper], person[side[0] + lower])
+        for limb, (upper, lower) in BONES.items()
+        for side in ("left", "right")
+    }
+
+
+def stands(person: dict[str, np.ndarray], side: str, rate: float) -> np.ndarray:
+    """(T - 1,) whether a foot stands from each frame to the next."""
+    ways = [np.diff(person[side[0] + bone], axis=0) for bone in ("foot", "toes")]
+    return np.max(np.linalg.norm(ways, axis=2), axis=0) * rate < STANDS
 
 
 def errors(person: dict, robot: dict) -> dict[str, np.ndarray]:
@@ -47,11 +61,8 @@ def errors(person: dict, robot: dict) -> dict[str, np.ndarray]:
 
 def direction(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """(T, 3) unit vectors from one point to another."""
-    return _unit(end - start)
-
-
-def _unit(ways: np.ndarray) -> np.ndarray:
-    return ways / np.linalg.norm(ways, axis=1)[:, None]
+    way = end - start
+    return way / np.linalg.norm(way, axis=1)[:, None]
 
 
 def _read_skeleton(asf: Path) -> list[tuple[str, str, Rotation, np.ndarray, list]]:

@@ -912,6 +912,7 @@ class LawStep:
         braking: whether the robot brakes since targets are no numbers.
         as_desired: whether the nominal step was taken as it was.
         blocked: the sphere that it runs into and the link, or None.
+        distances: (P,) of the watched pairs [m].
         dq: (n_c,) the paper's constrained velocities of the controlled joints.
         weights: (n_c,) the paper's W.
     """
@@ -924,6 +925,7 @@ class LawStep:
     braking: bool
     as_desired: bool
     blocked: tuple[str, str] | None
+    distances: Any
     dq: Any
     weights: Any
 
@@ -956,7 +958,8 @@ class Law:
         """
         Args:
             robot: name or folder.
-            paper: "velocity" or "acceleration": the law of the paper, at this level.
+            paper: "velocity" or "acceleration": the law of the paper, at this level,
+                with distances of SceneGraph.
             motors: whether their limits are kept.
             plant_step: time step of the plant [s], 0 if it is continuous.
             stands: on its soles, base and legs still.
@@ -974,10 +977,11 @@ class Law:
         )
 
         told = _described(robot, stands)
+        by = "scene_graph" if paper else "closed_form"
         model = ControlModel.FromDescription(
-            told, position_tasks(points), time_step=plant_step
+            told, position_tasks(points), time_step=plant_step, distances=by
         )
-        given: dict[str, Any] = {"period": period}
+        given: dict[str, Any] = {"period": period, "distances": by}
         if not motors:
             given["respect_effort_limits"] = False
         if paper:
@@ -1049,6 +1053,7 @@ class Law:
             float(found.status[0]) == 2.0,
             float(found.admission[0]) == 0.0,
             found.obstacle,
+            found.signed_distances,
             found.constrained_velocity,
             found.constraint_weights,
         )
@@ -1186,6 +1191,43 @@ class JointFilter:
 
 
 # --- tracking (section of TRACKING) ---------------------------------------------------
+
+
+def persons_targets(
+    motion: str, points: str, folder: Path, time: Any
+) -> tuple[Any, Any]:
+    """What a person's motion asks of the built-in robot, as its scenario's diagram has
+    it at times (K,).
+
+    Args:
+        motion: its name, "subject_trial" of CMU's.
+        points: one of HAND_SETS.
+        folder: for the scenario's file.
+
+    Returns:
+        (K, 3, P, 3) positions, velocities and accelerations of points, and (K, 3, n_p)
+        of prescribed joints.
+    """
+    import numpy as np
+
+    from crar_drake import MakeCrarDiagram, load_scenario
+
+    path = folder / "clip.yaml"
+    tasks = HAND_SETS[points]
+    path.write_text(scenario(robot=BUILT_IN, motion=f"cmu:{motion}", tasks=tasks))
+    diagram = MakeCrarDiagram(load_scenario(path))
+
+    def sampled(name: str) -> Any:
+        source = diagram.GetSubsystemByName(name)
+        context, found = source.CreateDefaultContext(), []
+        for t in time:
+            context.SetTime(t)
+            found.append(source.get_output_port().Eval(context))
+        return np.array(found).reshape(len(time), 3, -1)
+
+    targets, prescribed = sampled("desired_tasks"), sampled("desired_prescribed")
+    return targets.reshape(len(time), 3, -1, 3), prescribed
+
 
 # --- whole motions, imports, certificates (section of MOTIONS) ------------------------
 

@@ -42,6 +42,14 @@ def test_what_nobody_used_for_long_goes_where_something_is_kept(cache):
     assert other.is_dir()
 
 
+def test_what_is_read_was_used(cache):
+    place = place_of("some", (), [])
+    keep_array(place, np.zeros(3))
+    used_at(place, 0.0)
+    np.testing.assert_array_equal(read_kept(place, float), np.zeros(3))
+    assert place.stat().st_mtime > 0.0
+
+
 def test_what_is_damaged_anywhere_is_not_read(cache):
     """A bit of a distance that flips would be in certificates."""
     place = place_of("some", (), [])
@@ -54,6 +62,16 @@ def test_what_is_damaged_anywhere_is_not_read(cache):
         assert read_kept(place, float) is None, at
     place.write_bytes(data)
     np.testing.assert_array_equal(read_kept(place, float), np.arange(40.0))
+
+
+def test_another_process_may_remove_it_first(cache, monkeypatch):
+    cache.mkdir()
+    (cache / "old").mkdir()
+    used_at(cache / "old", 0.0)
+    listed = [cache / "gone", cache / "old"]
+    monkeypatch.setattr(kept_files.Path, "iterdir", lambda _: iter(listed))
+    remove_unused(cache)
+    assert not (cache / "old").exists()
 
 
 def test_arrays_are_found_by_sources(cache, tmp_path, monkeypatch):

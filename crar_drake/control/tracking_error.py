@@ -24,8 +24,7 @@ def joint_errors(ahead: LookaheadParameters, model: ControlModel) -> np.ndarray:
     """E, how far each joint may be from its command: (nv,) [rad or m].
 
     In the order of `model.order`; 0 of a root that floats, whose pose is nobody's
-    command, and of slides of a base that stands on its legs, whose place is as little
-    a matter of E as that of a base that stays.
+    command.
 
     Raises:
         ScenarioError: `tracking_errors` names a joint that the robot has not, or one
@@ -35,8 +34,6 @@ def joint_errors(ahead: LookaheadParameters, model: ControlModel) -> np.ndarray:
     errors = np.full(plant.num_velocities(), ahead.tracking_error or 0.0)
     if model.num_free:
         errors[_free(model)] = 0.0
-    slides = [name in model.description.slides for name in model.velocity_names]
-    errors[slides] = 0.0
     for name, error in ahead.tracking_errors.items():
         try:
             joint = find_joint(plant, name)

@@ -56,7 +56,6 @@ class LookaheadGains(NamedTuple):
     guard_damping: float = 0.0  # nu of that norm [m]
     approach_rate: float = 0.0  # kappa [1/s]; 0: rows weigh by their margins instead
     limit_approach_rate: float = 0.0  # kappa of limits [1/s]
-    more_damping: np.ndarray = np.zeros(0)  # (n,) added to lambda^2 [m^2]; none if (0,)
 
 
 class Limits(NamedTuple):

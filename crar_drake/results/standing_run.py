@@ -104,8 +104,7 @@ def as_measured(
     for column, name in zip(
         reported["constraint_weights"].T, commanded.joint_names, strict=True
     ):
-        if name in simulated.joint_names:  # slides of a pelvis are none of its joints
-            weights[:, simulated.joint_names.index(name)] = column
+        weights[:, simulated.joint_names.index(name)] = column
     return {
         "task_error": errors,
         "signed_distances": distances,

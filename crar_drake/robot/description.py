@@ -17,17 +17,14 @@ from pydrake.multibody.tree import (
     Frame,
     FrameIndex,
     Joint,
-    PrismaticJoint,
     QuaternionFloatingJoint,
     RigidBody,
     ScopedName,
-    SpatialInertia,
 )
 
 from crar_drake.errors import ModelError, check_vector, nearest
 from crar_drake.resources import data_folder, imported_robots_folder, install_command
 from crar_drake.robot.environment import Fixture, add_environment
-from crar_drake.robot.moving_pelvis import SLIDES, MovingPelvis
 from crar_drake.yaml_files import load_yaml, read_text
 
 # What `crar-drake import-robot` decided about a robot, beside its robot.yaml.
@@ -202,11 +199,6 @@ class RobotDescription:
         """Whether it is one of `standing_description`: its root rests on its soles."""
         return bool(self.soles) and self.root == "fixed"
 
-    @property
-    def slides(self) -> tuple[str, ...]:
-        """The joints that its base slides on over soles that stand, if it does."""
-        return ()
-
     def without_ground(self) -> "RobotDescription":
         """The same robot in the air: no ground, and no pair with it."""
         pairs = [pair for pair in self.pairs if GROUND not in pair]
@@ -215,18 +207,6 @@ class RobotDescription:
     def rest_pose(self) -> RigidTransform:
         """X_WB of the base at rest."""
         return RigidTransform(RollPitchYaw(self.root_pose.rpy), self.root_pose.xyz)
-
-
-@dataclass
-class StandingDescription(RobotDescription):
-    """A robot that stands on its soles, as `standing_description` makes one."""
-
-    # how its base slides and its legs follow; None where they stand still
-    pelvis: MovingPelvis | None = None
-
-    @property
-    def slides(self) -> tuple[str, ...]:
-        return SLIDES if self.pelvis else ()
 
 
 def check_soles(soles: dict[str, list[list[float]]], where: str) -> None:
@@ -425,30 +405,11 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
             body = find_body(plant, description.base)
             plant.SetDefaultFloatingBaseBodyPose(body, description.rest_pose())
             return
-        base, carrier = find_frame(plant, description.base), plant.world_frame()
-        if isinstance(description, StandingDescription) and description.pelvis:
-            carrier = _add_slides(plant, description.pelvis)
+        base = find_frame(plant, description.base)
         try:
-            plant.WeldFrames(carrier, base, description.rest_pose())
+            plant.WeldFrames(plant.world_frame(), base, description.rest_pose())
         except RuntimeError as error:  # e.g. the model has welded it already
             raise ModelError(f"{model}: base: {description.base!r}: {error}") from error
-
-
-def _add_slides(plant: MultibodyPlant, pelvis: MovingPelvis) -> Frame:
-    """Three bodies without mass that slide along the world's axes, each on the one
-    before; the last one's frame, which is the world's with all at 0."""
-    frame, instance = plant.world_frame(), plant.AddModelInstance("base_slides")
-    for name, axis, lower, upper, speed in zip(
-        SLIDES, np.eye(3), pelvis.lower, pelvis.upper, pelvis.speed, strict=True
-    ):
-        body = plant.AddRigidBody(name, instance, SpatialInertia.Zero())
-        joint = plant.AddJoint(
-            PrismaticJoint(name, frame, body.body_frame(), axis, lower, upper)
-        )
-        joint.set_velocity_limits([-speed], [speed])
-        plant.AddJointActuator(name, joint)
-        frame = body.body_frame()
-    return frame
 
 
 def _add_ground(plant: MultibodyPlant, height: float) -> None:

@@ -7,10 +7,10 @@ about control.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from pydrake.geometry import Capsule, SceneGraph, Sphere
+from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
@@ -23,7 +23,6 @@ from crar_drake.robot.actuators import Actuators
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import (
     RobotDescription,
-    StandingDescription,
     add_robot,
     find_body,
     find_joint,
@@ -171,8 +170,6 @@ class ControlModel:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
         add_robot(plant, description)
         plant.Finalize()
-        if isinstance(description, StandingDescription) and description.pelvis:
-            _swell(plant, scene_graph, description.pelvis.swellings)
         return ControlModel(
             builder.Build(), plant, scene_graph, description, tasks, distances
         )
@@ -519,23 +516,6 @@ class ControlModel:
                 "a watched pair has shapes whose distance SceneGraph cannot compute; "
                 f"use spheres, capsules or convex shapes: {error}"
             ) from error
-
-
-def _swell(
-    plant: MultibodyPlant, scene_graph: SceneGraph, by: Mapping[str, float]
-) -> None:
-    """Makes capsules and spheres of links thicker [m]."""
-    inspector = scene_graph.model_inspector()
-    for link, more in by.items():
-        for geometry in plant.GetCollisionGeometriesForBody(find_body(plant, link)):
-            shape = inspector.GetShape(geometry)
-            if isinstance(shape, Capsule):
-                shape = Capsule(shape.radius() + more, shape.length())
-            elif isinstance(shape, Sphere):
-                shape = Sphere(shape.radius() + more)
-            else:
-                continue
-            scene_graph.ChangeShape(plant.get_source_id(), geometry, shape)
 
 
 def _refuse_constraints(plant: MultibodyPlant) -> None:

@@ -275,8 +275,7 @@ def _prepare_standing(scenario: Scenario, description: RobotDescription) -> Setu
     """The law's model stands still on its soles, and is at each instant what the law
     commands; what is simulated floats. Both start as the robot rests."""
     tasks, distances = scenario.task_list(), scenario.controller.distances
-    pelvis = scenario.standing.pelvis
-    standing = standing_description(description, pelvis and pelvis.box())
+    standing = standing_description(description)
     model, simulated = (
         ControlModel.FromDescription(
             described, tasks, distances=distances, time_step=time_step
@@ -493,8 +492,7 @@ def AddStandingController(
     motion = builder.AddSystem(
         CommandedMotion(model.rest_positions(), parameters.period)
     )
-    pelvis = getattr(model.description, "pelvis", None)
-    standing = builder.AddSystem(StandingController(law, model.velocity_names, pelvis))
+    standing = builder.AddSystem(StandingController(law, model.velocity_names))
     command = motion.get_output_port_state()
     acceleration = controller.get_output_port_desired_acceleration()
     state = estimated_state or plant.get_state_output_port()

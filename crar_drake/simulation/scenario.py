@@ -74,30 +74,10 @@ class SimulatedRobot:
 
 
 @dataclass
-class Pelvis:
-    """How far the pelvis of a robot that stands may go from where it rests."""
-
-    x: float = 0.04  # to both sides along the world's x axis [m]
-    y: float = 0.04  # and along y [m]
-    down: float = 0.06  # along z [m]
-    up: float = 0.005  # along z [m]
-
-    def box(self) -> dict[str, tuple[float, float]]:
-        """As `standing_description` takes it."""
-        return {
-            "x": (-self.x, self.x),
-            "y": (-self.y, self.y),
-            "z": (-self.down, self.up),
-        }
-
-
-@dataclass
 class Standing:
     """A robot that stands on its soles, on a floor with contact and friction."""
 
     friction: float = 0.8  # Coulomb's coefficient of the floor
-    # that sways and squats while the soles stand; None for one that rests
-    pelvis: Pelvis | None = None
 
 
 @dataclass
@@ -242,19 +222,6 @@ class Scenario:
         friction = standing.friction
         if not 0.0 < friction < math.inf:
             raise ScenarioError(f"standing.friction: {friction} must be positive")
-        if standing.pelvis is not None:
-            for name, value in vars(standing.pelvis).items():
-                if not 0.0 < value < 1.0:
-                    raise ScenarioError(
-                        f"standing.pelvis.{name}: {value} must be a length of some "
-                        "centimetres [m]"
-                    )
-            if self.controller.constraints != "lookahead":
-                raise ScenarioError(
-                    "standing.pelvis: that legs can follow is shown within limits of "
-                    "place and speed that constraints lookahead keep alone; leave it "
-                    "out, or use lookahead"
-                )
         if not self.plant_config.time_step > 0.0:
             raise ScenarioError(
                 "plant_config.time_step: 0: a robot that stands needs a discrete "

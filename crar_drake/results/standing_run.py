@@ -100,7 +100,7 @@ def as_measured(
         distances[i] = at.d
         errors[i] = error_from_targets(at.q, at.R, at.p, desired_tasks[i], rows)
     errors[np.isnan(reported["task_error"])] = np.nan
-    weights = np.ones((len(q), simulated.num_joints))
+    weights = np.ones((len(q), simulated.n))
     for column, name in zip(
         reported["constraint_weights"].T, commanded.joint_names, strict=True
     ):

@@ -36,15 +36,8 @@ PRESCRIBED_SOURCES = ("waist.x", "waist.y", "waist.z", "waist.heading", "hold")
 # What pairs call the world's half space, which `ground` adds.
 GROUND = "ground"
 
-# What becomes of the base, and what of the pose of one that floats is prescribed; the
-# tasks move the rest.
-ROOTS = {
-    "fixed": (),
-    "prescribed": ("orientation", "position"),
-    "prescribed_position": ("position",),
-    "prescribed_orientation": ("orientation",),
-    "controlled": (),
-}
+# What becomes of the base.
+ROOTS = ("fixed", "prescribed")
 
 # Farther beyond its limit than this, a joint violates it [rad or m]. One number for
 # all figures: it says what counts, not how that is computed.
@@ -82,10 +75,8 @@ class RobotDescription:
         base: link that is welded to the world, or that floats; "" where the model welds
             itself.
         root: "fixed": the base is welded to the world; "prescribed": it floats, and
-            its pose is given (by a motion, that of the performer's hips); "controlled":
-            it floats, and the tasks move it as they move joints;
-            "prescribed_position", "prescribed_orientation": it floats, this is given,
-            and the tasks move the rest.
+            its pose is given, by a reference motion or by soles that stand. No law
+            moves it (`refuse_floating`).
         root_pose: where the base is at rest.
         prescribed_joints: joint to what the motion drives it with: "waist.x",
             "waist.y", "waist.z" (the waist's position in the world), "waist.heading"
@@ -178,8 +169,7 @@ class RobotDescription:
         if self.root != "fixed" and driven:
             raise ModelError(
                 f"robot {self.name}: prescribed_joints: {', '.join(driven)}: the root "
-                "floats, and goes where the performer's hips or the tasks take it; say "
-                "hold, or root: fixed"
+                "floats, and its pose is given; say hold, or root: fixed"
             )
         for joint, limit in self.velocity_limits.items():
             if not is_speed_limit(limit):
@@ -189,10 +179,16 @@ class RobotDescription:
                 )
         check_soles(self.soles, f"robot {self.name}")
 
-    @property
-    def prescribed_root(self) -> tuple[str, ...]:
-        """What of a floating base's pose is prescribed: "orientation", "position"."""
-        return ROOTS[self.root]
+    def refuse_floating(self) -> None:
+        """Raises ModelError if the base floats: the law moves joints alone."""
+        if self.root != "fixed":
+            raise ModelError(
+                f"robot {self.name}: root: {self.root}: its base {self.base!r} floats, "
+                "and the law moves joints alone. Weld it (root: fixed), or take the "
+                "robot's upper body; let it stand on its soles (standing in a "
+                "scenario, standing_description); or make a reference motion of the "
+                "whole body (crar-drake retarget)"
+            )
 
     @property
     def stands(self) -> bool:
@@ -464,16 +460,21 @@ def find_root(
         raise ModelError(
             f"robot {description.name}: link {name!r} has a joint with more positions "
             f"than velocities ({joint.type_name()}), and nothing says what moves it: "
-            f"write base: {name} and root: prescribed, if it is the robot's base and "
-            "its pose is given, root: controlled, if tasks are to move it, or root: "
-            "fixed to weld it; loose things and ball joints cannot be in the control "
-            "model"
+            f"write base: {name} and root: fixed to weld it, or root: prescribed, if "
+            "it is the base of a whole body (retarget, or standing on its soles); "
+            "loose things and ball joints cannot be in the control model"
         )
     if body is not None and root is None:
         raise ModelError(
             f"robot {description.name}: root: {description.root!r}, but its base "
             f"{body.name()!r} does not float by a quaternion in the plant; leave out "
             "what joins it to the world, or write root: fixed"
+        )
+    if root is not None and root.parent_body() != plant.world_body():
+        raise ModelError(
+            f"robot {description.name}: root: {description.root!r}, but its base "
+            f"{root.child_body().name()!r} floats on {root.parent_body().name()!r}; "
+            "let it float on the world"
         )
     return root
 

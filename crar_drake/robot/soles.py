@@ -27,15 +27,10 @@ def find_masses(model: ControlModel) -> Masses:
         model: of the robot, whose description has soles.
 
     Raises:
-        ModelError: the base floats, there is no gravity downwards, or something moves
-            that does not stand on the soles.
+        ModelError: there is no gravity downwards, or something moves that does not
+            stand on the soles.
     """
     plant, joints = model.plant, model.joints
-    if model.num_free:
-        raise ModelError(
-            "balance: the base of the robot floats; give the description that stands "
-            "on its soles (standing_description)"
-        )
     down = plant.gravity_field().gravity_vector()
     if not down[2] < 0.0 or np.abs(down[:2]).max() > 1e-9:
         raise ModelError(f"balance: gravity is {down} m/s^2; it must point along -z")

@@ -68,6 +68,7 @@ def test_a_persons_motion_is_no_scenario(empty_folder, capsys):
 
 def test_a_base_that_floats_is_refused_where_the_law_moves_it(empty_folder, capsys):
     """By its name, and with what to do instead."""
+    (empty_folder / "mine").mkdir()
     walker(empty_folder / "mine")
     told = refused(capsys, "run", "--robot", "mine")
     assert "root: prescribed: its base 'pelvis' floats" in told

@@ -64,7 +64,7 @@ class Balance:
             period: control period [s].
 
         Raises:
-            ModelError: the robot has no soles, they move, or it floats.
+            ModelError: the robot has no soles, or they move.
             ScenarioError: it is not balanced at rest, or may brake over several
                 horizons; or prescribed joints move.
         """

@@ -178,7 +178,7 @@ class CrarController(LeafSystem):
         self._prescribed_port = self._posture_port = None
         if model.n_p:
             self._prescribed_port = self.DeclareVectorInputPort(
-                "desired_prescribed", model.prescribed_size
+                "desired_prescribed", 3 * model.n_p
             )
         if self.law.parameters.posture_gain:
             self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
@@ -251,8 +251,7 @@ class CrarController(LeafSystem):
         return self._tasks_port
 
     def get_input_port_desired_prescribed(self) -> InputPort | None:
-        """Port (model.prescribed_size,): [q_p; q_dot_p; q_ddot_p]; None without such
-        joints."""
+        """Port (3 n_p,): [q_p; q_dot_p; q_ddot_p]; None without such joints."""
         return self._prescribed_port
 
     def get_input_port_nominal_posture(self) -> InputPort | None:

@@ -213,8 +213,7 @@ class ControlLaw:
             q: (nq,) measured positions of the whole plant.
             v: (nv,) measured velocities.
             tasks: (layout.size,) [x_d; v_d; a_d]; `model.layout.pack` makes one.
-            prescribed: (model.prescribed_size,) [q_p; q_dot_p; q_ddot_p], if there are
-                any; `model.prescribed_at` makes one.
+            prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], if there are any; `model.prescribed_at` makes one.
             nominal_posture: (n,) that the null space is drawn to, unless
                 `nominal_posture_gain` is 0; by default `default_posture`.
             obstacles: as of `solve`.
@@ -230,7 +229,7 @@ class ControlLaw:
         given = self._with_posture and nominal_posture is not None
         targets = _of_sizes(
             ("tasks", tasks, model.layout.size),
-            ("prescribed", prescribed, model.prescribed_size),
+            ("prescribed", prescribed, 3 * model.n_p),
             ("nominal_posture", nominal_posture, model.n * given),
         )
         tick = memory.tick + 1

@@ -316,17 +316,12 @@ class ControlModel:
         return plain, *(x[self._places] for x in v)
 
     def prescribed_at(self, q: np.ndarray) -> np.ndarray:
-        """[q_p; 0; 0] (prescribed_size,), which asks the prescribed joints to stay.
+        """[q_p; 0; 0] (3 n_p,), which asks the prescribed joints to stay.
 
         Args:
             q: (nq,) positions of the whole plant.
         """
         return np.concatenate((q[self.prescribed_positions], np.zeros(2 * self.n_p)))
-
-    @property
-    def prescribed_size(self) -> int:
-        """Entries of [q_p; q_dot_p; q_ddot_p], 3 n_p."""
-        return 3 * self.n_p
 
     def join(self, controlled: np.ndarray, prescribed: np.ndarray) -> np.ndarray:
         """(nv,) of all joints, from (n,) controlled and (n_p,) prescribed ones."""

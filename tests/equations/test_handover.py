@@ -45,7 +45,7 @@ def test_every_number_comes_out_where_it_went_in(prescribed, posture: bool) -> N
     )
     targets = Targets(
         some(layout.size),
-        some(model.prescribed_size),
+        some(3 * model.n_p),
         some(model.n) if posture else np.zeros(0),
         start,
         (0.25, 0.5, 0.75),

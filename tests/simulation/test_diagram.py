@@ -214,9 +214,7 @@ def test_a_robot_that_something_else_carries_is_refused():
     plant.Finalize()
     model = make_model(chain_urdf("zyz", shapes=(), extra=""))
     with pytest.raises(ModelError, match="'base' is carried by joint 'j0' of.*weld"):
-        controlled(
-            plant, scene_graph, builder, control_model=model, model_instance=arm
-        )
+        controlled(plant, scene_graph, builder, control_model=model, model_instance=arm)
 
 
 def test_period_that_is_not_a_multiple():

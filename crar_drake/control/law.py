@@ -213,7 +213,8 @@ class ControlLaw:
             q: (nq,) measured positions of the whole plant.
             v: (nv,) measured velocities.
             tasks: (layout.size,) [x_d; v_d; a_d]; `model.layout.pack` makes one.
-            prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], if there are any; `model.prescribed_at` makes one.
+            prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], if there are any;
+                `model.prescribed_at` makes one.
             nominal_posture: (n,) that the null space is drawn to, unless
                 `nominal_posture_gain` is 0; by default `default_posture`.
             obstacles: as of `solve`.

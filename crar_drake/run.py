@@ -286,10 +286,8 @@ def make_log(
     q, v = _unit_quaternions(state[:, :nq], model), state[:, nq:]
     desired_tasks = samples("desired_tasks")
     lower, upper = np.full(nq, -np.inf), np.full(nq, np.inf)
-    # A root that is controlled is no joint with a position, a limit and a weight.
-    count = model.num_joints
-    controlled, joints = model.joint_positions, model.joint_names[:count]
-    lower[controlled], upper[controlled] = model.lower[:count], model.upper[:count]
+    controlled, joints = model.controlled_positions, model.joint_names
+    lower[controlled], upper[controlled] = model.lower, model.upper
     reported = {name: diagnostics[:, slices[name]].copy() for name in _LOGGED}
     speed_limits = controller.law.speed_limits
     if stands:
@@ -297,7 +295,6 @@ def make_log(
         reported["actuation"] = samples("actuation")
         reported["desired_acceleration"] = samples("acceleration")
         speed_limits = judged_speed_limits(scenario, model)
-    reported["constraint_weights"] = reported["constraint_weights"][:, :count]
     actuators = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
     actuators.sort(key=lambda actuator: actuator.input_start())
     return SimulationLog(
@@ -365,7 +362,7 @@ def log_sinks(diagram: Diagram) -> dict[str, VectorLogSink]:
 
 def _unit_quaternions(q: np.ndarray, model: ControlModel) -> np.ndarray:
     """(T, nq) positions; Drake's discrete plants let a quaternion grow."""
-    if model.num_free:
+    if model.floats:
         root = model.root_positions[:4]
         q[:, root] /= np.linalg.norm(q[:, root], axis=1, keepdims=True)
     return q
@@ -382,7 +379,7 @@ def _lowest(
     if len(log.time) < 2 or log.time[-1] <= blended:
         return None
     from crar_drake.references.whole_body import WholeBody
-    from crar_drake.results.footing import lowest_point
+    from crar_drake.results.lowest_point import lowest_point
 
     return lowest_point(log, WholeBody(model.description), blended)
 

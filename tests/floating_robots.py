@@ -7,12 +7,9 @@ frames and shapes are skew, so that nothing agrees by symmetry.
 from pathlib import Path
 
 import numpy as np
-from grounded_robots import add_ground
-from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
-    AddMultibodyPlantSceneGraph,
     MultibodyPlantConfig,
 )
 from pydrake.systems.framework import DiagramBuilder
@@ -28,22 +25,12 @@ WORLD_PAIR = ["left_l2", "post"]
 TASKS = tuple(Task(frame=hand) for hand in HANDS)
 
 
-APART = [0.2, -0.4, 0.5, 0.2, 0.4, -0.5]  # of the arms
-
-
-def stay_apart(model: ControlModel) -> np.ndarray:
-    """A start from which the arms can go anywhere: out to the sides."""
-    q = model.rest_positions()
-    q[model.joint_positions] = APART
-    return q
-
-
 def write_floater(folder: Path, root: str, rpy: str) -> None:
     """A robot's folder for scenarios.
 
     Args:
         folder: that there is.
-        root: that floats: "prescribed", "controlled", ...
+        root: "prescribed", or "fixed".
         rpy: three angles of the rest pose, "[2.3, -1.5, 0.8]" [rad].
     """
     (folder / "robot.urdf").write_text(floating_urdf())
@@ -111,10 +98,8 @@ def add_floater(
     builder: DiagramBuilder,
     root: str = "prescribed",
     time_step: float = 1e-3,
-    ground: float | None = None,
 ):
-    """Plant and SceneGraph with the robot, its base free or welded where it rests, and
-    perhaps a ground at a height."""
+    """Plant and SceneGraph with the robot, its base free or welded where it rests."""
     plant, scene_graph = AddMultibodyPlant(
         MultibodyPlantConfig(
             time_step=time_step,
@@ -133,8 +118,6 @@ def add_floater(
     else:
         body = plant.GetBodyByName("body")
         plant.SetDefaultFloatingBaseBodyPose(body, X_WB)
-    if ground is not None:
-        add_ground(plant, RigidTransform([0.0, 0.0, ground]))
     plant.Finalize()
     return plant, scene_graph
 
@@ -143,52 +126,18 @@ def make_floater(
     root: str = "prescribed",
     tasks=TASKS,
     time_step: float = 1e-3,
-    ground: float | None = None,
     **changes,
 ) -> ControlModel:
     """The control model of the robot."""
-    plant, scene_graph = add_floater(DiagramBuilder(), root, time_step, ground)
+    plant, scene_graph = add_floater(DiagramBuilder(), root, time_step)
     return ControlModel.FromPlant(
         plant, scene_graph, description(root, **changes), tasks
     )
 
 
-SLIDES = ("base_x", "base_y", "base_z")
-TURNS = ("base_roll", "base_pitch", "base_yaw")  # innermost last
-
-
-def on_six_joints(prescribed: tuple[str, ...] = ()) -> ControlModel:
-    """The same robot on three slides and three hinges, each with a motor, of which some
-    are prescribed: at zero they move it as a root that is not turned moves."""
-    parts, parent = [], "world"
-    for kind, names in (("prismatic", SLIDES), ("continuous", TURNS)):
-        for name, axis in zip(names, ("1 0 0", "0 1 0", "0 0 1"), strict=True):
-            child = "body" if name == TURNS[-1] else f"{name}_link"
-            if child != "body":
-                parts.append(f'<link name="{child}"/>')
-            parts.append(
-                f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
-                f'<child link="{child}"/><axis xyz="{axis}"/></joint>'
-                "<transmission><type>transmission_interface/SimpleTransmission</type>"
-                f'<joint name="{name}"><hardwareInterface>EffortJointInterface'
-                f'</hardwareInterface></joint><actuator name="{name}"/></transmission>'
-            )
-            parent = child
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
-    urdf = floating_urdf().replace("</robot>", "".join(parts) + "</robot>")
-    Parser(plant).AddModelsFromString(urdf, "urdf")
-    plant.Finalize()
-    robot = RobotDescription(
-        pairs=description().pairs[:-1],
-        prescribed_joints=dict.fromkeys(prescribed, "hold"),
-    )
-    return ControlModel.FromPlant(plant, scene_graph, robot, TASKS)
-
-
 def root_entries(model: ControlModel) -> tuple[np.ndarray, np.ndarray]:
     """Where the root's positions (7,) are in q, and its velocities (6,) in v."""
-    return model.root_positions, model.unactuated
+    return model.root_positions, model.prescribed[-6:]
 
 
 def random_state(model: ControlModel, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -33,6 +33,7 @@ from crar_drake.references.ground_contact import Outline
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.reference_judge import ReferenceJudge
 from crar_drake.references.retarget_file import (
+    RATE,
     FileRetargeter,
     RetargetOptions,
     likeness,
@@ -44,7 +45,6 @@ from crar_drake.trajectory.performer_targets import (
     PerformerTargets,
     performer_targets,
 )
-from crar_drake.trajectory.retargeted_motion import RATE
 
 HEADER = [
     "motion",

@@ -6,12 +6,10 @@
         --page docs/measurements/robots.md
 
 Each robot of `catalogue.py` is imported with one and the same command, `crar-drake
-import-robot FILE --lock hands,head,other`, and nothing is corrected. Who has two arms
-dances a recording with seven points, and with both feet if it has two legs (its root
-floats then); an arm's tool visits places. Capsules and limits are judged at every
-control step, meshes every 50 ms, feet against the floor, by programs that share nothing
-with the controller. A robot that has its result in --out is not tried again; --only
-names some.
+import-robot FILE`, and nothing is corrected. Who has two arms dances a recording with
+seven points; an arm's tool visits places. Capsules and limits are judged at every
+control step, meshes every 50 ms, by programs that share nothing with the controller. A
+robot that has its result in --out is not tried again; --only names some.
 """
 
 import argparse

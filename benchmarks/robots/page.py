@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from benchmarks.page import Table
 from benchmarks.robots.catalogue import SUBJECTS, Subject
-from benchmarks.robots.trial import TOOL, WHOLE_BODY, Outcome
+from benchmarks.robots.trial import TOOL, Outcome
 from benchmarks.robots.verdicts import NOT_LOOKED_AT, verdict
 
 _HEADER = (
@@ -20,8 +20,6 @@ _HEADER = (
     "capsules",
     "meshes",
     "violations",
-    "feet: slip, median / worst",
-    "lowest point",
     "at top speed",
     "warnings",
 )
@@ -81,31 +79,22 @@ def versions() -> str:
 
 def _short(row: Sequence[str]) -> list[str]:
     """Without what arms have not."""
-    return [*row[:3], *row[4:10], *row[12:]]
+    return [*row[:3], *row[4:]]
 
 
 def _row(subject: Subject, outcome: Outcome) -> list[str]:
     o = outcome
-    error = _mm(o.error)
-    if o.task == WHOLE_BODY:
-        error += f"; feet {_mm(o.feet_error)}"
-    slip = "–"
-    if o.contacts:
-        slip = f"{_mm(o.median_slip, 1)} / {_mm(o.worst_slip, 1)}"
     return [
         subject.name,
         subject.package,
-        o.task.replace("-", " ").replace("upper body", "seven points")
-        + (", knees" if o.knees else ""),
+        o.task.replace("upper-body", "seven points"),
         verdict(subject.name, o),
         f"{o.import_time:.0f} / {o.run_time:.0f} s",
-        error,
+        _mm(o.error),
         "–" if not o.size else f"{100 * o.error / o.size:.0f} %",
         _mm(o.capsules, 1),
         _mm(o.meshes, 1),
         _violations(o),
-        slip,
-        _mm(o.lowest, 1),
         "–" if o.at_top_speed is None else f"{100 * o.at_top_speed:.0f} %",
         str(len(o.warnings)) if o.warnings else "–",
     ]

@@ -10,34 +10,28 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.robots.catalogue import Subject
-from benchmarks.whole_body import late_errors
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import CrarError, ModelError
 from crar_drake.files import write_whole
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.judging.referee import Referee
-from crar_drake.references.whole_body import WholeBody
 from crar_drake.results import LOG
-from crar_drake.results.footing import footing
 from crar_drake.results.log import SimulationLog
+from crar_drake.results.summary import summarize
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.joints import joint_units
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY, Task, position_tasks
+from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks
 from crar_drake.robot_import import import_robot
 from crar_drake.run import run_scenario
-from crar_drake.simulation.scenario import Scenario, load_scenario
+from crar_drake.simulation.scenario import Scenario
 from crar_drake.targets.keyframes import Keyframe
-from crar_drake.targets.whole_body import KNEES
 
 RESULT, ROBOT = "result.json", "robot"
-LOCK = ("hands", "head", "other")  # as crar-drake import-robot --lock has it
 SEVEN = "upper-body"
 TOOL = "tool"
 
 _PERIOD = 0.005  # [s] of control
-# Whose settings let feet stand, see docs/guides/whole-body.md.
-_WHOLE_BODY_SCENARIO = "g1_whole_body_dance"
 _MESH_PERIOD = 0.05  # [s]
 
 # An arm's tool visits places that its joints reach from the rest posture by turning
@@ -58,21 +52,18 @@ class Outcome:
         imported: whether there is a robot.
         import_time: CPU time of the import [s].
         warnings: of the import's report.
-        task: WHOLE_BODY, SEVEN or TOOL; "" where it was set none.
-        knees: whether knees were among the targets, as they are of a whole body now.
+        task: SEVEN or TOOL; "" where it was set none.
         duration: of the run [s].
         run_time: CPU time of run and log [s].
         size: of what moves: neck's height over the floor, or a tool's way from its
             nearest to its farthest place [m].
-        error, feet_error: rms, of the points and of both feet, from when the targets
-            are blended in [m].
+        error: rms, of the points, from when the targets are blended in [m].
         capsules, meshes: smallest distances [m]; infinite where nothing is watched.
         penetrating, meshes_penetrating: samples.
         mesh_samples: that the meshes were asked at.
         mesh_pairs: links whose meshes penetrate, the deepest first.
         beyond_limit, beyond_speed, samples: control steps.
         at_top_speed: share of these in which a joint is within 1 % of its speed limit.
-        contacts, median_slip, worst_slip, lowest: of the feet [m].
     """
 
     why: str = ""
@@ -80,12 +71,10 @@ class Outcome:
     import_time: float = 0.0
     warnings: list[str] = field(default_factory=list)
     task: str = ""
-    knees: bool = False
     duration: float = 0.0
     run_time: float = 0.0
     size: float | None = None
     error: float | None = None
-    feet_error: float | None = None
     capsules: float | None = None
     meshes: float | None = None
     penetrating: int = 0
@@ -96,10 +85,6 @@ class Outcome:
     beyond_speed: int = 0
     samples: int = 0
     at_top_speed: float | None = None
-    contacts: int | None = None
-    median_slip: float | None = None
-    worst_slip: float | None = None
-    lowest: float | None = None
 
     @property
     def violations_of_model(self) -> int:
@@ -147,13 +132,12 @@ def _try(outcome: Outcome, subject, path, folder: Path, motion, duration) -> Non
     # What an earlier import guessed would be kept.
     shutil.rmtree(folder / ROBOT, ignore_errors=True)
     start = time.process_time()
-    report = import_robot(path, folder / ROBOT, lock=LOCK)
+    report = import_robot(path, folder / ROBOT)
     outcome.import_time = time.process_time() - start
     outcome.imported, outcome.warnings = True, report.warnings
     description = load_robot_description(folder / ROBOT)
     scenario = _scenario(subject, description, folder / ROBOT, motion, duration)
     outcome.task = scenario.experiment or TOOL
-    outcome.knees = any(task.frame in KNEES for task in scenario.task_list())
     start = time.process_time()
     run_scenario(scenario, folder, record=False)
     outcome.run_time = time.process_time() - start
@@ -182,11 +166,8 @@ def _scenario(
         ),
     )
     if set(EXPERIMENTS[SEVEN]) <= set(frames):
-        stands = description.root == "prescribed" and "left_foot" in frames
-        scenario.experiment = WHOLE_BODY if stands else SEVEN
+        scenario.experiment = SEVEN
         scenario.motion, scenario.duration = motion, duration
-        if stands:
-            scenario.controller = load_scenario(_WHOLE_BODY_SCENARIO).controller
     elif TOOL in frames:
         scenario.tasks = [Task(frame=TOOL)]
         scenario.keyframes = {TOOL: _visits(description)}
@@ -237,9 +218,8 @@ def _judge(
 ) -> None:
     """Fills in what judges say that share nothing with the controller."""
     model = ControlModel.FromDescription(description, scenario.task_list())
-    start = scenario.controller.blend_time
-    outcome.error, feet = late_errors(log, start, scenario)
-    outcome.feet_error = feet if scenario.experiment == WHOLE_BODY else None
+    late = log.samples(log.time >= scenario.controller.blend_time)
+    outcome.error = summarize(late, None, scenario=scenario).rms_task_error
     pairs = description.without_ground().pairs
     speeds = scenario.controller.speed_limits(model)
     found = Referee(model.plant, model.scene_graph, pairs, speeds).violations(
@@ -263,10 +243,6 @@ def _judge(
     outcome.meshes_penetrating = verdict.num_penetrating
     outcome.mesh_pairs = [list(each.pair) for each in verdict.penetrations]
     outcome.size = _size(model, scenario, log)
-    if scenario.experiment == WHOLE_BODY:
-        stood = footing(log, WholeBody(description), start)
-        outcome.contacts, outcome.lowest = stood.contacts, stood.lowest
-        outcome.median_slip, outcome.worst_slip = stood.median_slip, stood.worst_slip
 
 
 def top_speed_share(log: SimulationLog, speeds: np.ndarray) -> float:

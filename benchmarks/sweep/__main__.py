@@ -30,7 +30,6 @@ from crar_drake.commands.options import (
     LEVEL_HELP,
     LEVELS,
     MOTION_HELP,
-    WHOLE_BODY,
     Parser,
     UsageError,
     add_frame_rate,
@@ -59,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument(
         "--experiment",
-        choices=(*EXPERIMENTS, WHOLE_BODY, "both"),
+        choices=(*EXPERIMENTS, "both"),
         default="both",
         help=f"{EXPERIMENT_HELP}; both: the first two (default: %(default)s)",
     )

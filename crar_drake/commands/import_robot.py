@@ -47,16 +47,16 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     locked.add_argument(
         "--whole-body",
         action="store_true",
-        help="lock no joint that can be controlled; a robot with legs floats, and a "
-        "motion turns its root link as the performer's hips",
+        help="lock no joint that can be controlled; the base of a robot with legs "
+        "floats, for reference motions and for standing",
     )
     parser.add_argument(
         "--base",
         choices=("prescribed", "floating", "fixed"),
         help="what becomes of the root link: a motion moves it and turns it about the "
-        "vertical (prescribed) or in all directions (floating), or it is welded "
-        "(default: floating with --whole-body and legs, else prescribed with two arms, "
-        "else fixed)",
+        "vertical (prescribed), it floats, for reference motions and for standing "
+        "(floating), or it is welded (default: floating with --whole-body and legs, "
+        "else prescribed with two arms, else fixed)",
     )
     parser.add_argument(
         "--cover",
@@ -140,7 +140,7 @@ def _what_next(folder: Path) -> str:
     """A command that moves the robot, or how what no motion can move is moved."""
     from crar_drake.resources import imported_robots_folder
     from crar_drake.robot.description import load_robot_description
-    from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY
+    from crar_drake.robot.task import EXPERIMENTS
 
     description = load_robot_description(folder)
     frames = description.task_frames
@@ -152,10 +152,15 @@ def _what_next(folder: Path) -> str:
         )
     own = folder.parent == imported_robots_folder()
     robot = folder.name if own else folder
-    legs = {"left_foot", "right_foot", "left_knee", "right_knee"} <= set(frames)
-    floats = description.root != "fixed"
-    experiment = WHOLE_BODY if legs and floats else "upper-body"
-    return f"crar-drake run --robot {robot} --motion dance --experiment {experiment}"
+    if description.root != "fixed":
+        legs = {"left_foot", "right_foot", "left_knee", "right_knee"}
+        if not legs <= set(frames):
+            return (
+                "import it with --base fixed, for a floating base without legs is "
+                "moved by nothing"
+            )
+        return f"crar-drake retarget dance --robot {robot} --out dance.csv"
+    return f"crar-drake run --robot {robot} --motion dance --experiment upper-body"
 
 
 def _groups_to_lock(arguments: argparse.Namespace) -> tuple[str, ...] | None:

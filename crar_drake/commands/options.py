@@ -18,7 +18,6 @@ DEFAULT_SCENARIO = "dance"
 # The same as in crar_drake.robot.task and crar_drake.control.parameters, which take
 # long to import; a test compares them.
 EXPERIMENTS = ("wrists", "upper-body")
-WHOLE_BODY = "whole-body"
 LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = ("none", "paper", "lookahead")
 
@@ -28,8 +27,7 @@ MOTION_HELP = (
     ".trc, .mvnx, .npz, .npy, .csv, .pkl"
 )
 EXPERIMENT_HELP = (
-    "which points follow the motion: two wrists, seven of the upper body, or these and "
-    "both feet (whole-body; the robot's root floats)"
+    "which points follow the motion: two wrists, or seven of the upper body"
 )
 LEVEL_HELP = (
     "how accelerations are computed: velocity (as the change of wanted velocities) or "
@@ -114,9 +112,7 @@ def add_scenario(parser: Parser) -> None:
         metavar="MOTION",
         help=f"follow this motion instead of the scenario's: {MOTION_HELP}",
     )
-    parser.add_argument(
-        "--experiment", choices=(*EXPERIMENTS, WHOLE_BODY), help=EXPERIMENT_HELP
-    )
+    parser.add_argument("--experiment", choices=EXPERIMENTS, help=EXPERIMENT_HELP)
 
 
 def add_skeleton(parser: Parser) -> None:
@@ -270,7 +266,4 @@ def override_motion(scenario: Scenario, arguments: argparse.Namespace) -> None:
             )
         scenario.experiment = arguments.experiment
     if arguments.robot is not None:
-        from crar_drake.robot.description import whole_body_name
-
-        whole = scenario.experiment == WHOLE_BODY
-        scenario.robot = whole_body_name(arguments.robot) if whole else arguments.robot
+        scenario.robot = arguments.robot

@@ -27,13 +27,9 @@ from crar_drake.commands.options import (
 from crar_drake.commands.output import FAST, OUT, counted, final_line, label
 from crar_drake.errors import ScenarioError
 
-# What a run of a robot that floats leaves besides.
-FOOTING = "footing.json"
-
 _EXPORT_RATE = 50.0  # [Hz], at which policies usually act
 
 if TYPE_CHECKING:
-    from crar_drake.references.whole_body import WholeBody
     from crar_drake.results.summary import Summary
     from crar_drake.run import Progress, RunResult
     from crar_drake.simulation.scenario import Scenario
@@ -160,26 +156,16 @@ def _show_more(
     stood = result.summary.stance
     if stood is not None:
         print(stood.line())
-    if not export and (stood is not None or not model.num_free):
+    if not export:
         return
     from crar_drake.references.whole_body import WholeBody
-    from crar_drake.run import without_meshes
+    from crar_drake.results.logged_motion import export_log
 
-    robot = WholeBody(model.description)
-    blended = scenario.controller.blend_time
-    if model.num_free and stood is None:
-        try:
-            _show_footing(result, robot, out / FOOTING, blended)
-        except ModuleNotFoundError as error:
-            if (line := without_meshes(error)) not in result.summary.warnings:
-                print(f"warning: {line}")
-    if export:
-        from crar_drake.results.logged_motion import export_log
-
-        layout, file = export
-        rate = arguments.export_rate or _EXPORT_RATE
-        motion = export_log(result.log, robot, file, layout, rate, blended)
-        print(f"{file}: {motion.num_frames} frames at {motion.rate:g} Hz, {layout}")
+    robot, blended = WholeBody(model.description), scenario.controller.blend_time
+    layout, file = export
+    rate = arguments.export_rate or _EXPORT_RATE
+    motion = export_log(result.log, robot, file, layout, rate, blended)
+    print(f"{file}: {motion.num_frames} frames at {motion.rate:g} Hz, {layout}")
 
 
 def _export_target(arguments: argparse.Namespace, out: Path) -> tuple[str, Path] | None:
@@ -196,27 +182,6 @@ def _export_target(arguments: argparse.Namespace, out: Path) -> tuple[str, Path]
     path = Path(file) if file else out / f"motion{layout_named(layout).suffix}"
     check_file(path)
     return layout, path
-
-
-def _show_footing(
-    result: RunResult, robot: WholeBody, path: Path, blended: float
-) -> None:
-    """Tells how the run of what floats stood on the floor once it was blended in, and
-    writes that into a file."""
-    import json
-    from dataclasses import asdict
-
-    from crar_drake.files import write_whole
-    from crar_drake.results.footing import footing
-
-    log = result.log
-    if len(log.time) < 2 or log.time[-1] <= blended:
-        return
-    found = footing(log, robot, blended)
-    for line in found.lines():
-        print(line)
-    write_whole(path, json.dumps(asdict(found), indent=2) + "\n")
-    print(path)
 
 
 def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:

@@ -12,7 +12,6 @@ from pathlib import Path
 from crar_drake.commands.options import (
     EXPERIMENT_HELP,
     EXPERIMENTS,
-    WHOLE_BODY,
     add_command,
     positive,
 )
@@ -59,9 +58,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--robot", metavar="ROBOT", help="another robot than the scenario's"
     )
-    parser.add_argument(
-        "--experiment", choices=(*EXPERIMENTS, WHOLE_BODY), help=EXPERIMENT_HELP
-    )
+    parser.add_argument("--experiment", choices=EXPERIMENTS, help=EXPERIMENT_HELP)
     parser.add_argument(
         "--joints",
         action="store_true",

@@ -35,9 +35,6 @@ _SPARE = 1e-3
 _ROUNDING = 1e-9
 # What a joint counts beside the tasks where a step is corrected [m].
 _DAMPING = 0.3
-# The largest acceleration there of a base that slides on its legs [m/s^2]: what legs do
-# in a step that is quicker has no close bound.
-_SLIDE_ACCELERATION = 5.0
 # Faces that are farther below their level get no rows, and rows that are farther from
 # binding are left out of a correction [m, as above].
 _NEAR, _FAR = 0.1, 0.5
@@ -67,7 +64,7 @@ class Balance:
             period: control period [s].
 
         Raises:
-            ModelError: the robot has no soles, they move, or it floats.
+            ModelError: the robot has no soles, or they move.
             ScenarioError: it is not balanced at rest, or may brake over several
                 horizons; or prescribed joints move.
         """
@@ -99,7 +96,6 @@ class Balance:
         self._controlled = model.controlled
         self._model = model
         self._mode = mode
-        self._slides = np.isin(model.joint_names, description.slides)
         self._T = float(mode.horizon)
         self._law = hold(
             BalanceLaw(
@@ -150,7 +146,7 @@ class Balance:
         brake = np.zeros_like(v)
         brake[at] = -v[at] / self._T
         root = correction_norm(q, _DAMPING, self._model.robot_by_pair)
-        bounds = self._bounds(measured)
+        bounds = self._mode.acceleration_bounds(measured)
         # Rows about braking first: nearer to what comes out than the nominal is.
         _, g, b = balance_rows(q, v, brake, level, -np.inf, self._law)
         for _ in range(_CORRECTIONS):
@@ -195,18 +191,10 @@ class Balance:
         balance_excess(q, v, np.zeros_like(v), level, self._law)
         _, g, b = balance_rows(q, v, np.zeros_like(v), level, -np.inf, self._law)
         root = correction_norm(q, _DAMPING, self._model.robot_by_pair)
-        bounds = self._bounds(measured)
+        bounds = self._mode.acceleration_bounds(measured)
         nearest_balanced(
             root, v[self._controlled], g, np.minimum(b, -1.0), *bounds, np.inf
         )
-
-    def _bounds(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-        """(n,), (n,) of the accelerations of a corrected step."""
-        lower, upper = self._mode.acceleration_bounds(measured)
-        slow, slides = _SLIDE_ACCELERATION, self._slides
-        lower[slides] = np.clip(lower[slides], -slow, slow)
-        upper[slides] = np.clip(upper[slides], -slow, slow)
-        return lower, upper
 
     def _report(self, how: float, share: float, excess: float) -> dict[str, np.ndarray]:
         return {"balance": np.array([how, share, -excess / self.weight])}

@@ -61,8 +61,8 @@ class CrarController(LeafSystem):
         estimated_state ─────►│                ├──► actuation
         desired_tasks ───────►│                ├──► desired_acceleration
         desired_prescribed ──►│ CrarController ├──► position_command
-        nominal_posture ─────►│                ├──► root_force
-        obstacles (if any) ──►│                ├──► diagnostics
+        nominal_posture ─────►│                ├──► diagnostics
+        obstacles (if any) ──►│                │
                               └────────────────┘
 
     Notation: W the world frame; T a task's frame or point; q, v the plant's
@@ -74,11 +74,7 @@ class CrarController(LeafSystem):
         desired_tasks: (layout.size,) [x_d; v_d; a_d] in W, see `TaskLayout`.
         desired_prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], positions, velocities
             and accelerations of the joints `model.prescribed_names`, in that order
-            [rad or m]; only if there are prescribed joints. What is prescribed of a
-            free root comes last: the quaternion w, x, y, z of its orientation in W
-            (a position more than velocities: (3 n_p + 1,) in all) and where its origin
-            is, its angular velocity and its origin's velocity, both in W, and their
-            derivatives.
+            [rad or m]; only if there are prescribed joints.
         nominal_posture: (n,) positions that the null space is drawn to [rad or m], the
             default posture of `ControlLaw` where nothing is connected; absent if
             `CrarParameters.nominal_posture_gain` is 0.
@@ -93,9 +89,6 @@ class CrarController(LeafSystem):
         desired_acceleration: (nv,) commanded accelerations of all joints, held for a
             control period.
         position_command: (nq + nv,) [q; v] one control period after the solve.
-        root_force: (nv,) generalized forces for the plant's applied_generalized_force:
-            what must push a free root, that no motor moves, at the state of the present
-            torque tick [Nm, N]; 0 for all other joints. Only if the root is free.
         diagnostics: actuation, desired_acceleration, position_command and the parts
             below one after the other; `diagnostics_slices` says where, and
             `diagnostics(context)` has them by name.
@@ -139,10 +132,9 @@ class CrarController(LeafSystem):
         model: the `ControlModel` that it computes with.
         diagnostics_slices: name of a part to its place in the port "diagnostics".
 
-    Limits: joints with as many velocities as positions, all actuated, but for a root
-    that floats by a quaternion, its position and its orientation each prescribed or
-    controlled; the plant's torque is exact where its model is the control model's, time
-    step included, and the acceleration is exactly held where the torque period is the
+    Limits: joints with as many velocities as positions, all actuated, on a base that is
+    fixed; the plant's torque is exact where its model is the control model's, time step
+    included, and the acceleration is exactly held where the torque period is the
     plant's step.
     """
 
@@ -163,6 +155,7 @@ class CrarController(LeafSystem):
             obstacle_speeds: (N,) bounds of the speeds of obstacles [m/s].
 
         Raises:
+            ModelError: as of `ControlLaw`.
             ScenarioError: a parameter is out of range, or does not go with obstacles.
         """
         super().__init__()
@@ -186,7 +179,7 @@ class CrarController(LeafSystem):
         self._prescribed_port = self._posture_port = None
         if model.n_p:
             self._prescribed_port = self.DeclareVectorInputPort(
-                "desired_prescribed", model.prescribed_size
+                "desired_prescribed", 3 * model.n_p
             )
         if self.law.parameters.posture_gain:
             self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
@@ -233,10 +226,6 @@ class CrarController(LeafSystem):
         self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
             "diagnostics", end, self._CalcDiagnostics, sources
         )
-        if model.num_free:
-            self._outputs["root_force"] = self.DeclareVectorOutputPort(
-                "root_force", nv, self._CalcRootForce, sources
-            )
         x, tasks, prescribed, posture = (
             f"input port {name} of {self.get_name()}"
             for name in (
@@ -263,8 +252,7 @@ class CrarController(LeafSystem):
         return self._tasks_port
 
     def get_input_port_desired_prescribed(self) -> InputPort | None:
-        """Port (model.prescribed_size,): [q_p; q_dot_p; q_ddot_p]; None without such
-        joints."""
+        """Port (3 n_p,): [q_p; q_dot_p; q_ddot_p]; None without such joints."""
         return self._prescribed_port
 
     def get_input_port_nominal_posture(self) -> InputPort | None:
@@ -290,10 +278,6 @@ class CrarController(LeafSystem):
     def get_output_port_position_command(self) -> OutputPort:
         """Port (nq + nv,): [q; v] one control period on."""
         return self._outputs["position_command"]
-
-    def get_output_port_root_force(self) -> OutputPort | None:
-        """Port (nv,): what must push a free root [Nm, N]; None if nothing is free."""
-        return self._outputs.get("root_force")
 
     def get_output_port_diagnostics(self) -> OutputPort:
         """Port: all parts, placed as `diagnostics_slices` says."""
@@ -365,9 +349,6 @@ class CrarController(LeafSystem):
             memory = replace(memory, governed=None)
         self.law = law
         context.get_mutable_abstract_state(self._held_index).set_value(memory)
-
-    def _CalcRootForce(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._EvalSolution(context).root_force)
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
         solution = self._EvalSolution(context)

@@ -86,7 +86,6 @@ class EffortLimits:
                     plant_step,
                     model.positions,
                     model.order,
-                    model.turn,
                 )
             )
             for joints in self._giving_way

@@ -35,7 +35,6 @@ from crar_drake.control.records import (
     check_finite,
 )
 from crar_drake.equations.blending import smooth_step
-from crar_drake.equations.free_joints import has_orientation
 from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead_rows import resting_configuration
@@ -83,11 +82,12 @@ class ControlLaw:
     ) -> None:
         """
         Raises:
-            ModelError: the model has no task.
+            ModelError: the model has no task, or its base floats.
             ScenarioError: a parameter is out of range, or names no joint of the robot.
         """
         if not model.tasks:
             raise ModelError("give the control model at least one task")
+        model.description.refuse_floating()
         self.model = model
         self.parameters = parameters or CrarParameters()
         validate(self.parameters)
@@ -102,8 +102,7 @@ class ControlLaw:
         late = self._latency / self._period * (1.0 - _ROUNDING)
         self._num_sent = math.ceil(late) + 1 if late else 0
         self._rest = model.rest_positions()
-        self._controlled_in_q = model.controlled_positions[: model.n]
-        self._rest_posture = self._rest[self._controlled_in_q]
+        self._rest_posture = self._rest[model.controlled_positions]
         self._has_limits = np.isfinite(model.upper - model.lower)
         self._with_posture = gains.posture_gain > 0.0
         self._target_bounds = gains.governor.bounds()
@@ -179,13 +178,13 @@ class ControlLaw:
             q: (nq,) measured positions of the whole plant.
 
         Returns:
-            (n,) positions of the controlled joints [rad or m], the last of a controlled
-            root as they are, by which it is not drawn anywhere; (0,) if the parameter
+            (n,) positions of the controlled joints [rad or m]; (0,) if the parameter
             `nominal_posture_gain` is 0.
         """
         if not self._with_posture:
             return _NOTHING
-        here, model = q[self._controlled_in_q], self.model
+        model = self.model
+        here = q[model.controlled_positions]
         posture = np.where(self._has_limits, self._rest_posture, here)
         if self.mode.plans:
             posture = posture_near_limits(here, posture, model.lower, model.upper)
@@ -214,8 +213,8 @@ class ControlLaw:
             q: (nq,) measured positions of the whole plant.
             v: (nv,) measured velocities.
             tasks: (layout.size,) [x_d; v_d; a_d]; `model.layout.pack` makes one.
-            prescribed: (model.prescribed_size,) [q_p; q_dot_p; q_ddot_p], if there are
-                any; `model.prescribed_at` makes one.
+            prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], if there are any;
+                `model.prescribed_at` makes one.
             nominal_posture: (n,) that the null space is drawn to, unless
                 `nominal_posture_gain` is 0; by default `default_posture`.
             obstacles: as of `solve`.
@@ -231,7 +230,7 @@ class ControlLaw:
         given = self._with_posture and nominal_posture is not None
         targets = _of_sizes(
             ("tasks", tasks, model.layout.size),
-            ("prescribed", prescribed, model.prescribed_size),
+            ("prescribed", prescribed, 3 * model.n_p),
             ("nominal_posture", nominal_posture, model.n * given),
         )
         tick = memory.tick + 1
@@ -269,8 +268,6 @@ class ControlLaw:
         time = self._memory.tick * self.parameters.period
         check_finite("q", q, time)
         check_finite("v", v, time)
-        if self.model.num_free:
-            self._check_orientation("q", q, time)
         tick = self._memory.torque_tick + 1
         self._memory = self.hold(self._workspace, self._memory, tick, q, v)
         return self._memory.solution.actuation
@@ -305,14 +302,11 @@ class ControlLaw:
 
         Raises:
             InputError: a target is not finite or a desired orientation a quaternion
-                of zero length, unless that makes the robot brake; or the measured
-                orientation of a free root is one.
+                of zero length, unless that makes the robot brake.
             ScenarioError: the robot or the parameters do not go with obstacles.
             FloatingPointError: an overflow.
         """
         model, mode = self.model, self.mode
-        if model.num_free:
-            self._check_orientation("the measured position of the root", q, time)
         before = memory if tick == memory.tick + 1 else Memory()
         lateness = None
         if mode.plans:
@@ -351,7 +345,7 @@ class ControlLaw:
         posture = targets.posture
         if self._with_posture and blend[0] < 1.0:
             # As the targets, lest the first step be a jerk.
-            here = q[self._controlled_in_q]
+            here = q[model.controlled_positions]
             posture = here + blend[0] * (posture - here)
         rows = self._efforts.rows(workspace) if mode.plans else None
         solution = mode.resolve(
@@ -392,17 +386,13 @@ class ControlLaw:
         )
 
     def _usable(self, targets: Targets, time: float) -> bool:
-        """Whether targets are finite, and an orientation among the prescribed positions
-        is one; raises InputError where that is an error."""
+        """Whether targets are finite; raises InputError where that is an error."""
         tasks, prescribed, posture = targets[:3]
         finite = is_finite(tasks) and is_finite(prescribed) and is_finite(posture)
-        turn = self.model.turn - self.model.n  # among the prescribed
-        oriented = not finite or turn < 0 or has_orientation(prescribed, turn)
-        if (finite and oriented) or self.mode.brakes_without_targets:
-            return finite and oriented
-        for name, value in zip(self.target_names, targets[:3], strict=True):
-            check_finite(name, value, time)
-        raise _no_orientation(self.target_names[1], time)
+        if not finite and not self.mode.brakes_without_targets:
+            for name, value in zip(self.target_names, targets[:3], strict=True):
+                check_finite(name, value, time)
+        return finite
 
     def _start(self, measured: Measured) -> BlendStart:
         """What is measured, to blend from."""
@@ -449,17 +439,11 @@ class ControlLaw:
             workspace.plant_context, np.concatenate((q, v))
         )
         actuation = model.inverse_dynamics(workspace, solved.acceleration)
-        root_force = model.root_force(workspace, solved.acceleration)
         torque_limit = solved.torque_limit
         if self._efforts.finite:
             actuation, excess = self._efforts.clipped(actuation)
             torque_limit = np.array([torque_limit[0], excess])
-        solution = replace(
-            solved,
-            actuation=actuation,
-            torque_limit=torque_limit,
-            root_force=root_force,
-        )
+        solution = replace(solved, actuation=actuation, torque_limit=torque_limit)
         return memory.at_torque_tick(torque_tick, solution)
 
     def _predict(
@@ -484,9 +468,8 @@ class ControlLaw:
             left, held = left - time, self._period
         for vdot, time in reversed(since):
             x = state_ahead(
-                q, v, vdot, time, self._plant_step, model.positions, model.order,
-                model.turn,
-            )  # fmt: skip
+                q, v, vdot, time, self._plant_step, model.positions, model.order
+            )
             q, v = x[: len(q)], x[len(q) :]
         return q, v
 
@@ -576,7 +559,6 @@ class ControlLaw:
                 self._efforts.take(workspace, measured, vdot, solution)
         if self._balance is not None:
             self._keep_balance(workspace, measured, solution)
-        solution.root_force = self.model.root_force(workspace, solution.acceleration)
         solution.status = _STATUS[status]
         return regions
 
@@ -604,13 +586,8 @@ class ControlLaw:
         model, T = self.model, self.mode.horizon
         if T is None or not model.pairs.needs_query:
             return model.measure(workspace, q, v)
-        in_order = resting_configuration(*model.in_order(q, v), T, model.turn)
+        in_order = resting_configuration(*model.in_order(q, v), T)
         return model.measure(workspace, q, v, *model.in_plant(in_order))
-
-    def _check_orientation(self, what: str, q: np.ndarray, time: float) -> None:
-        """Raises InputError if the root's quaternion is of zero length."""
-        if not has_orientation(q[self.model.positions], self.model.turn):
-            raise _no_orientation(what, time)
 
 
 def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:

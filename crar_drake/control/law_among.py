@@ -45,14 +45,9 @@ class LawAmong:
     def __init__(self, model: ControlModel, gains: CrarParameters) -> None:
         """
         Raises:
-            ScenarioError: the root floats, the plant does not move in steps of the
-                control period, or a parameter does not go with obstacles.
+            ScenarioError: the plant does not move in steps of the control period, or a
+                parameter does not go with obstacles.
         """
-        if model.num_free:
-            raise ScenarioError(
-                f"obstacles: the root of robot {model.description.name} floats, and "
-                "obstacles that move are kept off robots that are fixed alone"
-            )
         if gains.balance is not None:
             raise ScenarioError(
                 "controller.balance: what obstacles that move leave of a step is not "
@@ -69,8 +64,7 @@ class LawAmong:
         self._made_of = _what_counts(gains)
         usual = filter_parameters(period)
         # Prescribed joints are the filter's, too.
-        limits = gains.speed_limits(model)[model.controlled[: model.num_joints]]
-        names = model.joint_names[: model.num_joints]
+        limits = gains.speed_limits(model)[model.controlled]
         self.filter = _LawFilter(
             model,
             period,
@@ -85,7 +79,7 @@ class LawAmong:
                 preview=None,
             ),
             effort_limits=gains.limits_efforts,
-            velocity_limits=dict(zip(names, limits.tolist(), strict=True)),
+            velocity_limits=dict(zip(model.joint_names, limits.tolist(), strict=True)),
         )
         self.filter.among  # noqa: B018 (what does not go with them is refused now)
 

@@ -18,19 +18,17 @@ _ASKED = 0.99
 
 
 def fastest_believed(model: ControlModel) -> np.ndarray:
-    """(num_joints,) speeds of the controlled joints beyond which a state is not
-    believed [rad/s or m/s]."""
-    units = joint_units(model.plant, model.joint_names[: model.num_joints])
-    limits = model.velocity_limits[model.controlled[: model.num_joints]]
+    """(n,) speeds of the controlled joints beyond which a state is not believed
+    [rad/s or m/s]."""
+    units = joint_units(model.plant, model.joint_names)
+    limits = model.velocity_limits[model.controlled]
     limits = np.where(np.isfinite(limits), _OVER_LIMIT * limits, 0.0)
     return np.maximum([_FASTEST[unit] for unit in units], limits)
 
 
 def fastest_asked(model: ControlModel) -> np.ndarray:
     """(n,) speeds of the controlled joints that a law may ask for [rad/s or m/s]."""
-    asked = np.full(model.n, np.inf)
-    asked[: model.num_joints] = _ASKED * fastest_believed(model)
-    return asked
+    return _ASKED * fastest_believed(model)
 
 
 class PlausibleStates:
@@ -39,17 +37,16 @@ class PlausibleStates:
     def __init__(self, model: ControlModel, period: float) -> None:
         """
         Args:
-            model: whose joints; a root's pose is not asked about.
+            model: whose joints.
             period: of the controller [s].
         """
-        self._q = model.joint_positions
-        self._v = model.controlled[: model.num_joints]
+        self._q, self._v = model.controlled_positions, model.controlled
         self._period = period
-        units = joint_units(model.plant, model.joint_names[: model.num_joints])
+        units = joint_units(model.plant, model.joint_names)
         self._fastest = fastest_believed(model)
         self._jump = np.array([_JUMP[unit] for unit in units])
         # An angle without limits may be given within one turn.
-        ranges = (model.upper - model.lower)[: model.num_joints]
+        ranges = model.upper - model.lower
         self._turn = np.where(np.isfinite(ranges), np.inf, 2.0 * np.pi)
         self._turns = np.flatnonzero(np.isfinite(self._turn))
 

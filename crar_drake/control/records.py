@@ -49,7 +49,7 @@ class Solution:
         actuation: (nu,) efforts of the accelerations at the state that they were last
             computed for, in the order of the plant's actuators [Nm or N].
         position_command: (nq + nv,) the q and v that the accelerations lead to
-            in one control period, see `equations.prediction`; of unit quaternions.
+            in one control period, see `equations.prediction`.
         status: (1,) STATUS_TRACKING, STATUS_BLENDING, STATUS_BRAKING or
             STATUS_IMPLAUSIBLE.
         torque_limit: (2,) how much the effort limits left of the way from braking to
@@ -57,9 +57,6 @@ class Solution:
             by which share of its limit the worst actuator was beyond it before
             clipping, see `equations.torque_limit`. The share is decided in the control
             step; the excess is that of `actuation`.
-        root_force: (nv,) generalized forces that a free root must be pushed with, at
-            the state of `actuation`, 0 for all other joints [Nm, N]; (0,) if nothing is
-            free.
         obstacle: that moves by itself, and the link that it holds back; None of none.
     """
 
@@ -74,7 +71,6 @@ class Solution:
     position_command: np.ndarray | None = None
     status: np.ndarray | None = None
     torque_limit: np.ndarray | None = None
-    root_force: np.ndarray | None = None
     obstacle: tuple[str, str] | None = None
 
     @property

@@ -59,7 +59,7 @@ from crar_drake.equations.joint_filter import (
     filter_step,
 )
 from crar_drake.equations.references import TaskGains
-from crar_drake.errors import ModelError, ScenarioError, nearest
+from crar_drake.errors import ScenarioError, nearest
 from crar_drake.robot.balls import find_balls, robot_in_closed_form
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
@@ -214,8 +214,7 @@ class SafetyFilter:
     `measured` says.
 
     The joints are all of the robot's that move, those that its description calls
-    prescribed among them. A base that floats counts as fixed, since no joint moves it:
-    links are kept off one another, and nothing off the ground.
+    prescribed among them. Its base is fixed.
 
     Attributes:
         model: kinematics and distances, without tasks.
@@ -668,12 +667,7 @@ def _joint_model(
 ) -> ControlModel:
     """A model whose joints are all controlled, without tasks."""
     if isinstance(robot, ControlModel):
-        if robot.num_free:
-            raise ModelError(
-                f"robot {robot.description.name}: the base of this model floats, and "
-                "no joint moves it; give the filter the robot's name or description, "
-                "of which it welds the base"
-            )
+        robot.description.refuse_floating()
         if not robot.n_p and not robot.tasks:
             return robot
         description = replace(robot.description, prescribed_joints={})
@@ -682,7 +676,6 @@ def _joint_model(
     description = robot
     if not isinstance(robot, RobotDescription):
         description = load_robot_description(robot)
-    if description.root != "fixed":
-        description = replace(description.without_ground(), root="fixed")
+    description.refuse_floating()
     description = replace(description, prescribed_joints={})
     return ControlModel.FromDescription(description, [])

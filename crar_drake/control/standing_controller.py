@@ -18,7 +18,6 @@ from pydrake.systems.framework import (
 from crar_drake.control.records import check_finite
 from crar_drake.control.standing_law import StandingLaw, StandingStep
 from crar_drake.errors import ModelError
-from crar_drake.robot.moving_pelvis import MovingPelvis, WholeCommand
 
 
 class _Solve:
@@ -47,7 +46,7 @@ class StandingController(LeafSystem):
     Input ports:
         estimated_state: (nq + nv,) [q; v] of the plant, whose root floats.
         commanded_state: (2 n,) [q; v] of the joints alone, in the order that
-            `commanded_names` gave; legs rest, or follow the slides of `pelvis`.
+            `commanded_names` gave; legs rest.
         commanded_acceleration: (n,) of the same joints.
 
     Output ports, all of one solve on the inputs as they are, and without state:
@@ -62,18 +61,11 @@ class StandingController(LeafSystem):
     hold their soles as well as they can; the floor is level; q and v are measured.
     """
 
-    def __init__(
-        self,
-        law: StandingLaw,
-        commanded_names: Sequence[str],
-        pelvis: MovingPelvis | None = None,
-    ) -> None:
+    def __init__(self, law: StandingLaw, commanded_names: Sequence[str]) -> None:
         """
         Args:
             law: of the plant.
             commanded_names: (n,) joints of the two inputs with the command.
-            pelvis: how the root slides, whose slides are among these; legs then follow
-                it, whatever is commanded of them. None if it rests.
 
         Raises:
             ModelError: the command lacks a joint of the plant.
@@ -88,7 +80,6 @@ class StandingController(LeafSystem):
                 "needs all joints of the plant"
             )
         names = list(commanded_names)
-        self._command = WholeCommand(pelvis, names)
         self._places = [names.index(name) for name in law.joint_names]
         plant, n = law.plant, len(names)
         nq, nv = plant.num_positions(), plant.num_velocities()
@@ -160,7 +151,6 @@ class StandingController(LeafSystem):
         )
         q, v = np.split(self._command_port.Eval(context), 2)
         a = self._acceleration_port.Eval(context)
-        joints, base = self._command(q, v, a)
-        command = tuple(joints[:, self._places])
+        command = tuple(x[self._places] for x in (q, v, a))
         solve = value.get_mutable_value()
-        solve.answer = self.law.step(*solve.contexts, state, command, base)
+        solve.answer = self.law.step(*solve.contexts, state, command)

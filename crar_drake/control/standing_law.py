@@ -57,7 +57,6 @@ _SINGULAR = 0.02
 # belongs to a robot that fell.
 _LEANS = np.pi / 4.0
 _LOW = 0.6
-_STILL = np.zeros((3, 3))  # of a root that rests
 _LIMP = 20.0  # joints of such a robot come to rest at that rate [1/s]
 
 
@@ -123,7 +122,7 @@ class StandingLaw:
             f inside its pyramids, |tau| <= limits,
 
     where c_dd* (x and y) is the command's, less the capture point's feedback, and a_b*
-    PD of the root's orientation and height, which is the command's, too.
+    PD of the root's orientation and height.
 
     Attributes:
         joint_names: (n,) joints of the command, in the order of their velocities.
@@ -158,7 +157,7 @@ class StandingLaw:
                 "soles has a root that floats"
             )
         names = names_by_joint(plant)
-        self._root, self._root_q = root.child_body(), root.position_start()
+        self._root = root.child_body()
         self._b = np.arange(root.velocity_start(), root.velocity_start() + 6)
         self._actuators = Actuators(plant, names, self._b)
         joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
@@ -225,7 +224,6 @@ class StandingLaw:
         reference: Context,
         state: np.ndarray,
         command: tuple[np.ndarray, np.ndarray, np.ndarray],
-        base: np.ndarray = _STILL,
     ) -> StandingStep:
         """What motors and ground give at a state.
 
@@ -233,9 +231,7 @@ class StandingLaw:
             context, reference: of the plant, to compute in.
             state: (nq + nv,) of the plant, as measured.
             command: (n,) positions, velocities and accelerations of the joints
-                `joint_names`, with legs on whose soles the root is at `base`.
-            base: (3, 3) where the root is, from where it rests, its velocity and its
-                acceleration, in W [m, m/s, m/s^2].
+                `joint_names`, with legs at rest.
         """
         plant, gains, b, legs, j = self.plant, self.gains, self._b, self._l, self._j
         nv = plant.num_velocities()
@@ -249,9 +245,7 @@ class StandingLaw:
         h = plant.CalcInverseDynamics(context, np.zeros(nv), self._forces)
         J, bias, pushes = self._contacts(context)
         X_WS = _moved(self._corners_at_rest, np.vstack(corners))
-        X_ref, c_ref, c_dot_ref, c_dd_ref = self._reference(
-            reference, X_WS, command, base
-        )
+        X_ref, c_ref, c_dot_ref, c_dd_ref = self._reference(reference, X_WS, command)
 
         # a = a_0 + N a_b: joints as commanded, legs such that the soles stay.
         a_0, N = np.zeros(nv), np.zeros((nv, 6))
@@ -282,8 +276,7 @@ class StandingLaw:
         turned = _rotation_vector(pose.rotation() @ X_ref.rotation().inverse())
         turn = -gains.turn * turned - gains.turn_rate * v[b[:3]]
         fallen = X_ref.translation()[2] - pose.translation()[2]
-        rise = gains.height * fallen - gains.height_rate * (v[b[5]] - base[1, 2])
-        rise += base[2, 2]
+        rise = gains.height * fallen - gains.height_rate * v[b[5]]
         w = np.array([1.0, 1.0, *3 * [gains.weigh_turn], gains.weigh_height])
         rows = np.vstack([pushes[b[3:5]] * GRAVITY / self._weight, B[:3], B[5:]])
         wanted = np.concatenate([c_dd[:2], turn + a_f[:3], [rise + a_f[5]]])
@@ -368,15 +361,12 @@ class StandingLaw:
         context: Context,
         X_WS: RigidTransform,
         command: tuple[np.ndarray, np.ndarray, np.ndarray],
-        base: np.ndarray,
     ) -> tuple[RigidTransform, np.ndarray, np.ndarray, np.ndarray]:
         """The root's pose, and the centre of mass with two derivatives, if root and
         legs were as commanded, where the soles are now."""
         plant, q = self.plant, self.rest.copy()
         v, a = np.zeros((2, plant.num_velocities()))
         q[self._j_q], v[self._j], a[self._j] = command
-        q[self._root_q + 4 : self._root_q + 7] += base[0]
-        v[self._b[3:]], a[self._b[3:]] = base[1:]
         plant.SetPositionsAndVelocities(context, np.concatenate((q, v)))
         plant.CalcForceElementsContribution(context, self._forces)
         # The root's force is that on the centre of mass: m (c_dd + g).

@@ -23,9 +23,7 @@ _WHERE = "controller.lookahead.tracking_error"
 def joint_errors(ahead: LookaheadParameters, model: ControlModel) -> np.ndarray:
     """E, how far each joint may be from its command: (nv,) [rad or m].
 
-    In the order of `model.order`; 0 of a root that floats, whose pose is nobody's
-    command, and of slides of a base that stands on its legs, whose place is as little
-    a matter of E as that of a base that stays.
+    In the order of `model.order`.
 
     Raises:
         ScenarioError: `tracking_errors` names a joint that the robot has not, or one
@@ -33,10 +31,6 @@ def joint_errors(ahead: LookaheadParameters, model: ControlModel) -> np.ndarray:
     """
     plant = model.plant
     errors = np.full(plant.num_velocities(), ahead.tracking_error or 0.0)
-    if model.num_free:
-        errors[_free(model)] = 0.0
-    slides = [name in model.description.slides for name in model.velocity_names]
-    errors[slides] = 0.0
     for name, error in ahead.tracking_errors.items():
         try:
             joint = find_joint(plant, name)
@@ -49,18 +43,6 @@ def joint_errors(ahead: LookaheadParameters, model: ControlModel) -> np.ndarray:
             )
         errors[joint.velocity_start()] = error
     return errors[model.order]
-
-
-def _free(model: ControlModel) -> list[int]:
-    """The velocities of joints that float."""
-    plant = model.plant
-    joints = (plant.get_joint(index) for index in plant.GetJointIndices())
-    return [
-        joint.velocity_start() + i
-        for joint in joints
-        if joint.num_positions() != joint.num_velocities()
-        for i in range(joint.num_velocities())
-    ]
 
 
 def distance_losses(errors: np.ndarray, reaches: Reaches) -> np.ndarray:
@@ -131,7 +113,7 @@ def narrowed_limits(
     """
     E = errors[: model.n]
     lower, upper = model.lower + E, model.upper - E
-    rest = model.rest_positions()[model.controlled_positions[: model.n]]
+    rest = model.rest_positions()[model.controlled_positions]
     for i in np.flatnonzero(E):
         name = model.joint_names[i]
         limits = f"its limits, {model.lower[i]:g} and {model.upper[i]:g}"

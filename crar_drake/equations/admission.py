@@ -19,7 +19,6 @@ import numpy as np
 
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.compilation import Held, compiled, hold
-from crar_drake.equations.free_joints import displaced, displacement
 from crar_drake.equations.hull_distances import corners_of, shadow_rates
 from crar_drake.equations.kinematics import Robot
 from crar_drake.equations.placed_shapes import distances_at, own_velocities, place_pairs
@@ -83,18 +82,15 @@ class Bounds(NamedTuple):
 
 
 @compiled
-def reaching(
-    start: np.ndarray, x: np.ndarray, bend: np.ndarray, reaches: Held, turn: int
-) -> Held:
+def reaching(start: np.ndarray, x: np.ndarray, bend: np.ndarray, reaches: Held) -> Held:
     """Holds `Reaches` that hold on the path that leads from `start` by t x + t^2 bend,
     t from 0 to 1: the given ones where no slide leaves its extents.
 
     Between its ends a parabola is off its chord by at most |bend| / 4.
 
     Args:
-        start, x, bend: (nq,), (nv,), (nv,) see `path_bounds`.
+        start, x, bend: (nv,), (nv,), (nv,) see `path_bounds`.
         reaches: holds `Reaches`.
-        turn: where an orientation begins in q and v, see `equations.free_joints`.
     """
     of = reaches.value
     if not len(of.slides):
@@ -102,9 +98,9 @@ def reaching(
     extents = of.extents.copy()
     for k in range(len(extents)):
         j = of.slides[k]
-        q = start[j + 1 if 0 <= turn < j else j]  # an orientation is four numbers
-        end = q + x[j] + bend[j]
-        extents[k] = max(extents[k], max(abs(q), abs(end)) + 0.25 * abs(bend[j]))
+        end = start[j] + x[j] + bend[j]
+        farthest = max(abs(start[j]), abs(end)) + 0.25 * abs(bend[j])
+        extents[k] = max(extents[k], farthest)
     if (extents == of.extents).all():
         return reaches
     return extended(extents, reaches)
@@ -145,11 +141,10 @@ def next_path(
     T: float,
     period: float,
     step: float,
-    turn: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(A1): q' and T q_dot', one period on, if q_ddot = (s - q_dot)/T is held.
 
-    The next braking path begins at q' (nq,), and leads by T q_dot' (nv,) to q'_s. With
+    The next braking path begins at q' (nv,), and leads by T q_dot' (nv,) to q'_s. With
     e = period (period + step) / (2 T), where the plant moves in steps of that length
     by the semi-implicit Euler rule (0: it moves continuously),
 
@@ -157,13 +152,12 @@ def next_path(
         q'_s = q + (T - e) q_dot + (period + e) s.
 
     Args:
-        q, v, s: (nq,), (nv,), (nv,) state, and velocity of q_s.
+        q, v, s: (nv,), (nv,), (nv,) state, and velocity of q_s.
         T: braking horizon [s].
         period: of the controller [s].
         step: of the plant [s], at most the period.
-        turn: where an orientation begins in q and v, see `equations.free_joints`.
     """
-    q_next, v_next = next_state(q, v, (s - v) / T, period, step, turn)
+    q_next, v_next = next_state(q, v, (s - v) / T, period, step)
     return q_next, T * v_next
 
 
@@ -353,7 +347,7 @@ def path_bounds(
     at = np.full(count, -1.0)
     if not asked.any():
         return Bounds(low, at, seen)
-    reaches = reaching(start, x, bend, reaches, r.turn)
+    reaches = reaching(start, x, bend, reaches)
     pairs, of = r.pairs.value, reaches.value
     curvature = np.zeros(count)
     examined = np.flatnonzero(asked)
@@ -373,7 +367,7 @@ def path_bounds(
             t = (2 * part + 1) * half
             shapes, own = pairs.shapes[some], of.own[some]
             moved, rate = t * x + (t * t) * bend, x + (2.0 * t) * bend
-            S = place_pairs(points, displaced(start, moved, r.turn), shapes, r)
+            S = place_pairs(points, start + moved, shapes, r)
             d, n, _, _ = nearest_points(points, pairs, shapes)
             gap = shadow_gap(
                 n,
@@ -429,7 +423,7 @@ def gradients_at(
     g, points = np.zeros((len(failed), len(x))), np.zeros((len(r.first), 3))
     for k in range(len(failed)):
         some = failed[k : k + 1]
-        there = displaced(start, bounds.at[some[0]] * x, r.turn)
+        there = start + bounds.at[some[0]] * x
         shapes = pairs.shapes[some]
         moves = pairs.moves[of.rows[some]]
         _, found = distances_at(points, there, shapes, moves, r)
@@ -480,11 +474,11 @@ def examine_present(
         d: (2, Nr) distances of all rows at q and at q_s [m].
     """
     x, straight = gains.T * v, np.zeros(len(v))
-    here = reaching(q, x, straight, reaches, r.turn)
+    here = reaching(q, x, straight, reaches)
     beyond = here
     if len(here.value.slides):
-        start, ahead = next_path(q, v, s, gains.T, gains.period, gains.step, r.turn)
-        beyond = reaching(start, ahead, straight, here, r.turn)
+        start, ahead = next_path(q, v, s, gains.T, gains.period, gains.step)
+        beyond = reaching(start, ahead, straight, here)
     ends = d[:, reaches.value.rows]
     low = 0.5 * (ends[0] + ends[1] - travel(x, here))
     level = np.full(len(low), gains.floor)
@@ -545,10 +539,10 @@ def check_step(
         q, v, s: (nq,), (nv,), (nv,) state, and velocity of q_s.
     """
     T, period, level = gains.T, gains.period, present.level
-    start, x = next_path(q, v, s, T, period, gains.step, r.turn)
+    start, x = next_path(q, v, s, T, period, gains.step)
     straight = np.zeros(len(x))
-    reaches = reaching(q, T * v, straight, reaches, r.turn)
-    reaches = reaching(start, x, straight, reaches, r.turn)
+    reaches = reaching(q, T * v, straight, reaches)
+    reaches = reaching(start, x, straight, reaches)
     near = present.low - travel(step_reach(gains) * s, reaches)
     bounds = path_bounds(start, x, straight, level, ~(near >= level), r, reaches)
     clear = not (bounds.at >= 0.0).any()
@@ -571,8 +565,7 @@ def check_step(
             way = path_bounds(q, along, bend, level, asked, r, reaches)
             clear = not (way.at >= 0.0).any()
             if clear:
-                there = displacement(q, start, r.turn)
-                way = path_bounds(q, there, straight, level, asked, r, reaches)
+                way = path_bounds(q, start - q, straight, level, asked, r, reaches)
                 clear = not (way.at >= 0.0).any()
     return Checked(clear, clearance, start, x, bounds)
 

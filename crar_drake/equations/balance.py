@@ -29,7 +29,6 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.moving_legs import leg_bounds
 from crar_drake.equations.wrenches import (
     MOMENTUM_Q,
     MOMENTUM_X,
@@ -84,15 +83,14 @@ def bends(
 
     The k-th derivative of a chain of frames that turn by angles whose k-th derivatives
     are at most r_k in all is at most B_k(r_1, ..., r_k) times its length, with the
-    complete Bell polynomials
+    complete Bell polynomials, in which r_3 = r_4 = 0,
 
-        B_1 = r_1,  B_2 = r_1^2 + r_2,  B_3 = r_1^3 + 3 r_1 r_2 + r_3,
-        B_4 = r_1^4 + 6 r_1^2 r_2 + 3 r_2^2 + 4 r_1 r_3 + r_4;
+        B_1 = r_1,  B_2 = r_1^2 + r_2,  B_3 = r_1^3 + 3 r_1 r_2,
+        B_4 = r_1^4 + 6 r_1^2 r_2 + 3 r_2^2;
 
-    that of a slide follows by Leibniz. Joints have r_3 = r_4 = 0 but for legs that
-    follow the base (`leg_bounds`). A frame's mass counts at the root mean square of its
-    distance: all that is summed is at most quadratic in it. With X_k of a mass, D its
-    largest distance from `about`, and Y_k the bound of the k-th derivative of its
+    that of a slide follows by Leibniz. A frame's mass counts at the root mean square of
+    its distance: all that is summed is at most quadratic in it. With X_k of a mass, D
+    its largest distance from `about`, and Y_k the bound of the k-th derivative of its
     acceleration,
 
         |d^2 (r . w)| <= sum m [|r_M| (X_2 (g + Y_0) + 2 X_1 Y_1 + D Y_2) + |r_F| Y_2].
@@ -107,13 +105,7 @@ def bends(
     """
     tree = masses.tree.value
     N = len(masses.mass)
-    D = np.zeros((len(v), 4))  # bounds of the joints' derivatives
-    for j in range(len(v)):
-        D[j, 0], D[j, 1] = v[j], a[j]
-    if masses.moving:
-        legs = masses.legs.value
-        D[legs.leg_v] = leg_bounds(v[legs.slide_v], a[legs.slide_v], legs)
-    r, far = np.zeros((N, 4)), np.zeros(N)
+    r, far = np.zeros((N, 2)), np.zeros(N)
     X = np.zeros((N, 5))
     B, Y = np.empty(5), np.empty(3)
     far[0] = np.sqrt(about[0] ** 2 + about[1] ** 2 + about[2] ** 2)
@@ -135,8 +127,8 @@ def bends(
                     X[i, k] += k * B[k - 1] * v[j]
                     if k > 1:
                         X[i, k] += 0.5 * k * (k - 1) * B[k - 2] * a[j]
-            for k in range(4):
-                r[i, k] = r[up, k] + (D[j, k] if turns else 0.0)
+            r[i, 0] = r[up, 0] + (v[j] if turns else 0.0)
+            r[i, 1] = r[up, 1] + (a[j] if turns else 0.0)
         m, out = masses.mass[i], masses.radius[i]
         if m == 0.0 or not (X[i].any() or r[i].any()):
             continue
@@ -156,12 +148,11 @@ def bends(
 
 @compiled
 def _bell(r: np.ndarray, B: np.ndarray) -> None:
-    """Writes B_0 to B_4 of (4,) bounds."""
+    """Writes B_0 to B_4 of (2,) bounds."""
     B[0], B[1] = 1.0, r[0]
     B[2] = r[0] ** 2 + r[1]
-    B[3] = r[0] ** 3 + 3.0 * r[0] * r[1] + r[2]
+    B[3] = r[0] ** 3 + 3.0 * r[0] * r[1]
     B[4] = r[0] ** 4 + 6.0 * r[0] ** 2 * r[1] + 3.0 * r[1] ** 2
-    B[4] += 4.0 * r[0] * r[2] + r[3]
 
 
 class BalanceLaw(NamedTuple):

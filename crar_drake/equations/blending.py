@@ -9,12 +9,10 @@ together all the way.
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.free_joints import QUATERNION, TURN, turned
 from crar_drake.equations.tasks import (
     DesiredTasks,
     TaskRows,
     put_joint_rows,
-    rotation_from_quaternion,
     stack_rows,
 )
 from crar_drake.equations.vectors import (
@@ -22,7 +20,6 @@ from crar_drake.equations.vectors import (
     dot,
     identity,
     product,
-    put,
     times,
     transposed_times,
 )
@@ -112,47 +109,6 @@ def blend_rotations(
             _left_jacobian(psi, psi_ddot) + _left_jacobian_dot(psi, psi_dot, psi_dot),
         ),
     )
-
-
-@compiled
-def blend_joints(
-    start: np.ndarray,
-    q: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    step: tuple[float, float, float],
-    turn: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Blends joints from `start` to q: `blend_vectors`, and `blend_rotations` of an
-    orientation.
-
-    Args:
-        start, q: (nq,) measured and desired positions.
-        v, a: (nv,) desired velocities and accelerations.
-        step: (s, s_dot, s_ddot) of `smooth_step`.
-        turn: where an orientation begins in both, see `equations.free_joints`.
-    """
-    if turn < 0:
-        return blend_vectors(start, q, v, a, step)
-    x, x_dot, x_ddot = np.empty(len(q)), np.empty(len(v)), np.empty(len(v))
-    q_after, v_after = turn + QUATERNION, turn + TURN
-    for at, to, by, by_to in ((0, turn, 0, turn), (q_after, len(q), v_after, len(v))):
-        p, p_dot, p_ddot = blend_vectors(
-            start[at:to], q[at:to], v[by:by_to], a[by:by_to], step
-        )
-        put(x, at, p)
-        put(x_dot, by, p_dot)
-        put(x_ddot, by, p_ddot)
-    there = start[turn:q_after].copy()
-    R_start = rotation_from_quaternion(there.reshape(1, 4))[0]
-    R_d = rotation_from_quaternion(q[turn:q_after].copy().reshape(1, 4))[0]
-    R, omega, omega_dot = blend_rotations(
-        R_start, R_d, v[turn:v_after].copy(), a[turn:v_after].copy(), step
-    )
-    put(x, turn, turned(there, rotation_vector(product(R, R_start.T))))
-    put(x_dot, turn, omega)
-    put(x_ddot, turn, omega_dot)
-    return x, x_dot, x_ddot
 
 
 @compiled

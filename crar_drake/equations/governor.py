@@ -52,7 +52,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.free_joints import turn_between, turned, turned_by_plant
+from crar_drake.equations.quaternions import turn_between, turned, turned_on
 from crar_drake.equations.tasks import TaskRows, num_rows
 from crar_drake.equations.vectors import dot
 
@@ -229,9 +229,9 @@ def govern_orientation(
     ):
         return x_d, v_d, a_d
     a0, v = _go_on(v0, a0, V, h)
-    p = turned_by_plant(p0, v0, a0, h, 0.0)
+    p = turned_on(p0, v0, a0, h)
     v_next, a_next = _at_most(v_d, V), _at_most(a_d, A)
-    x_next = turned_by_plant(x_d, v_next, a_next, h, 0.0)
+    x_next = turned_on(x_d, v_next, a_next, h)
     v_next = _at_most(v_next + h * a_next, V)
     if _is_step(
         turn_between(p, x_next),

@@ -34,8 +34,8 @@ class Tree(NamedTuple):
     with q the position that moves it: Rodrigues' formula for a turn about an axis that
     is fixed in both, a slide along one, or both at once (a screw).
 
-    A free joint (`equations.free_joints`) has two frames instead of six: one that
-    follows its translation and does not turn, in which its angular velocity is
+    A free joint (Drake's quaternion floating joint) has two frames instead of six: one
+    that follows its translation and does not turn, in which its angular velocity is
     measured, and next the one that turns.
     """
 
@@ -309,8 +309,8 @@ def task_bias(
 class State(NamedTuple):
     """The numbers of one state, all in the world frame W.
 
-    nv velocities, the controlled joints' first and then the prescribed ones'; a free
-    root's orientation, among either, has a position more; K = 2 configurations where
+    nv velocities, the controlled joints' first and then the prescribed ones', a free
+    root's at the end, whose orientation has a position more; K = 2 configurations where
     the robot would come to rest counts, too, else 1; Nr rows of watched shapes, see
     `capsule_distances.ShapePairs`.
     """
@@ -342,9 +342,6 @@ class Robot(NamedTuple):
     order: np.ndarray  # (nv,) places in the plant's v: first the controlled joints
     positions: np.ndarray  # (nq,) places in the plant's q, in the same order
     n: int  # number of controlled joints' velocities
-    # where the root's orientation begins in both orders, if it is free, else negative,
-    # see `equations.free_joints`; from n on, it is prescribed
-    turn: int
     # (P, 4) of `place_points`: the joints' axes, as in `joint_motion`; the tasks'
     # points; the axes of the tasks with an orientation; and those of the watched shapes
     selection: np.ndarray

@@ -85,7 +85,7 @@ def lookahead_step(
     limits, gains = numbers.limits.value, numbers.gains
     n, T = r.n, gains.T
     state = find_state(measured, r)
-    references = find_references(state, targets, r.rows.value, r.turn, numbers.tasks)
+    references = find_references(state, targets, r.rows.value, numbers.tasks)
     v, qdot = state.v, state.v[:n]
     slip = slip_velocity(
         before.slip, qdot, before.qdot, before.qddot, T, gains.period, gains.slip_share

@@ -69,12 +69,9 @@ class LookaheadNumbers(NamedTuple):
 
 @compiled
 def damped_gram(J: np.ndarray, gains: LookaheadGains) -> np.ndarray:
-    """J^T J + lambda^2 I (n, n) of the weighted task Jacobian J (m, n), and more for
-    joints that are to move the less."""
+    """J^T J + lambda^2 I (n, n) of the weighted task Jacobian J (m, n)."""
     normal = gram(J)
     add_to_diagonal(normal, np.full(len(normal), gains.damping**2))
-    if len(gains.more_damping):
-        add_to_diagonal(normal, gains.more_damping)
     return normal
 
 
@@ -169,8 +166,6 @@ def nominal_velocity(
     right = transposed_times(J, a_r)
     if m < n:
         right = right + damping2 * (z + posture)
-        if len(gains.more_damping):
-            right = right + gains.more_damping * (z + posture)
     if len(qddot_0):
         right = right + damping2 * qddot_0
     towards = times(g, qdot + T * z) + drift

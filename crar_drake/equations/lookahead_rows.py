@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.free_joints import displaced
 from crar_drake.equations.joint_limits import (
     LimitPotential,
     limit_gradient,
@@ -56,7 +55,6 @@ class LookaheadGains(NamedTuple):
     guard_damping: float = 0.0  # nu of that norm [m]
     approach_rate: float = 0.0  # kappa [1/s]; 0: rows weigh by their margins instead
     limit_approach_rate: float = 0.0  # kappa of limits [1/s]
-    more_damping: np.ndarray = np.zeros(0)  # (n,) added to lambda^2 [m^2]; none if (0,)
 
 
 class Limits(NamedTuple):
@@ -89,28 +87,25 @@ class Constraints(NamedTuple):
 
 
 @compiled
-def resting_configuration(
-    q: np.ndarray, qdot: np.ndarray, T: float, turn: int
-) -> np.ndarray:
+def resting_configuration(q: np.ndarray, qdot: np.ndarray, T: float) -> np.ndarray:
     """(L1): q_s = q + T q_dot: where q_ddot = -q_dot/T leads.
 
     Args:
-        q, qdot: (nq,), (nv,) state.
+        q, qdot: (nv,), (nv,) state.
         T: [s].
-        turn: where an orientation begins in both, see `equations.free_joints`.
     """
-    return displaced(q, T * qdot, turn)
+    return q + T * qdot
 
 
 @compiled
 def with_resting(q: np.ndarray, v: np.ndarray, r: Robot, T: float) -> np.ndarray:
-    """A configuration, and where the robot would come to rest from it: (2, nq).
+    """A configuration, and where the robot would come to rest from it: (2, nv).
 
     Args:
-        q, v: (nq,), (nv,) state in the plant's order.
+        q, v: (nv,), (nv,) state in the plant's order.
         T: [s].
     """
-    q_s = resting_configuration(q[r.positions], v[r.order], T, r.turn)
+    q_s = resting_configuration(q[r.positions], v[r.order], T)
     both = np.empty((2, len(q)))
     for i in range(len(q)):
         both[0, i] = q[i]

@@ -132,7 +132,6 @@ def some_shapes(robot: Held, rows: np.ndarray) -> Held:
             r.order,
             r.positions,
             r.n,
-            r.turn,
             r.selection,
             r.first,
             r.tree,

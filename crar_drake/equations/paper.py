@@ -193,7 +193,7 @@ def paper_step(
     r, numbers = robot.value, mode.value
     n, gains = r.n, numbers.gains
     state = find_state(measured, r)
-    references = find_references(state, targets, r.rows.value, r.turn, numbers.tasks)
+    references = find_references(state, targets, r.rows.value, numbers.tasks)
     if numbers.constrained:
         weights = constraint_weights(
             state.q[:n],

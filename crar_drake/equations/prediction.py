@@ -3,13 +3,6 @@
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.free_joints import (
-    QUATERNION,
-    TURN,
-    displaced,
-    turned_by_plant,
-)
-from crar_drake.equations.vectors import put
 
 
 @compiled
@@ -19,9 +12,8 @@ def next_state(
     vdot: np.ndarray,
     period: float,
     plant_step: float,
-    turn: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The state q' (nq,), v' (nv,) that an acceleration held for a period leads to.
+    """The state q' (nv,), v' (nv,) that an acceleration held for a period leads to.
 
     With D = period and d = plant_step,
 
@@ -32,34 +24,21 @@ def next_state(
     d^2 N (N + 1) / 2 = D (D + d) / 2. With d = 0 it is the parabola of a continuous
     plant; with d = D it is q' = q + D v'.
 
-    A free joint turns as `free_joints.turned_by_plant` says.
-
     Limits: exact where the plant's step divides the period, the plant is the control
     model, and the torque follows the state at each of the plant's steps, as it does
     where `CrarParameters.torque_period` is the plant's step.
 
     Args:
-        q, v: (nq,), (nv,) positions and velocities [rad, rad/s].
+        q, v: (nv,), (nv,) positions and velocities [rad, rad/s].
         vdot: (nv,) accelerations [rad/s^2].
         period: of the controller [s].
         plant_step: time step of the discrete plant, 0 for a continuous one [s]; one
             that is longer than the period counts as the period.
-        turn: where an orientation begins in q and in v, see `equations.free_joints`.
     """
     v_next = v + period * vdot
     # Such that no rounding tells it from q + D v' where the steps are the periods.
     ahead = 0.5 * (period - min(plant_step, period))
-    q_next = displaced(q, period * (v_next - ahead * vdot), turn)
-    if turn >= 0:
-        turned = turned_by_plant(
-            q[turn : turn + QUATERNION],
-            v[turn : turn + TURN],
-            vdot[turn : turn + TURN],
-            period,
-            plant_step,
-        )
-        put(q_next, turn, turned)
-    return q_next, v_next
+    return q + period * (v_next - ahead * vdot), v_next
 
 
 @compiled
@@ -71,23 +50,17 @@ def state_ahead(
     plant_step: float,
     positions: np.ndarray,
     order: np.ndarray,
-    turn: int,
 ) -> np.ndarray:
-    """`next_state` in the plant's order, [q'; v'] (nq + nv,).
+    """`next_state` in the plant's order, [q'; v'] (2 nv,).
 
     Args:
-        q, v, vdot: (nq,), (nv,), (nv,) of the plant.
+        q, v, vdot: (nv,), (nv,), (nv,) of the plant.
         period, plant_step: as above.
-        positions, order: (nq,), (nv,) places in the plant's q and v.
-        turn: as above, in their order.
+        positions, order: (nv,), (nv,) places in the plant's q and v.
     """
-    nq = len(q)
-    q_next, v_next = next_state(
-        q[positions], v[order], vdot[order], period, plant_step, turn
-    )
-    x = np.empty(nq + len(v))
-    for i in range(nq):
-        x[positions[i]] = q_next[i]
+    q_next, v_next = next_state(q[positions], v[order], vdot[order], period, plant_step)
+    x = np.empty(2 * len(v))
     for i in range(len(v)):
-        x[nq + order[i]] = v_next[i]
+        x[positions[i]] = q_next[i]
+        x[len(v) + order[i]] = v_next[i]
     return x

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.free_joints import displaced
 from crar_drake.equations.kinematics import Robot, State
 from crar_drake.equations.lookahead_guard import LookaheadNumbers
 from crar_drake.equations.lookahead_rows import (
@@ -247,8 +246,7 @@ def rows_ahead(
         until = preview.times[i] + preview.coasting
         unmoved = until * state.v[:n]  # without any acceleration
         if len(nearby):
-            there = displaced(state.q, x[i], r.turn)
-            d, g = distances_at(points, there, shapes, moves, r)
+            d, g = distances_at(points, state.q + x[i], shapes, moves, r)
             for k in np.flatnonzero(d < _NEAR):
                 gradient = g[k, :n]
                 for j in range(i + 1):

@@ -4,9 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.blending import blend_joints, blend_tasks
+from crar_drake.equations.blending import blend_tasks, blend_vectors
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.free_joints import displacement
 from crar_drake.equations.kinematics import State
 from crar_drake.equations.tasks import (
     DesiredTasks,
@@ -72,7 +71,7 @@ class BlendStart(NamedTuple):
 
     R: np.ndarray  # (Na, 3, 3) orientations R_WT
     p: np.ndarray  # (Nl, 3) positions p_WT [m]
-    q_p: np.ndarray  # (nq_p,) positions of the prescribed joints
+    q_p: np.ndarray  # (n_p,) positions of the prescribed joints
     q: np.ndarray = _NONE  # (Nj,) positions of the tasks that are joints
 
 
@@ -83,7 +82,7 @@ class Targets(NamedTuple):
     """The targets of one control step."""
 
     tasks: np.ndarray  # (layout.size,) [x_d; v_d; a_d] as given, see `TaskLayout`
-    prescribed: np.ndarray  # (nq_p + 2 n_p,) desired [q_p; q_dot_p; q_ddot_p]
+    prescribed: np.ndarray  # (3 n_p,) desired [q_p; q_dot_p; q_ddot_p]
     posture: np.ndarray  # (n,) that the null space is drawn to; (0,) if not given
     start: BlendStart = _NOWHERE  # where blending began, and how far it is:
     blend: tuple[float, float, float] = (1.0, 0.0, 0.0)  # of `blending.smooth_step`
@@ -167,30 +166,23 @@ def posture_acceleration(
 
 @compiled
 def find_references(
-    state: State, targets: Targets, rows: TaskRows, turn: int, gains: TaskGains
+    state: State, targets: Targets, rows: TaskRows, gains: TaskGains
 ) -> References:
-    """Eqs. (9), (14): what the blended targets ask for, weighted.
-
-    Args:
-        turn: of the robot, see `Robot`.
-    """
+    """Eqs. (9), (14): what the blended targets ask for, weighted."""
     prescribed, blend, start = targets.prescribed, targets.blend, targets.start
-    n_p = len(prescribed) // 3  # an orientation has one position more than velocities
-    n, nq_p = len(state.v) - n_p, len(prescribed) - 2 * n_p
-    qdot, qdot_p = state.v[:n], state.v[n:]
-    q_p = state.q[len(state.q) - nq_p :]
-    q_d, a_d = prescribed[:nq_p], prescribed[nq_p + n_p :]
-    v_d = prescribed[nq_p : nq_p + n_p]
+    n_p = len(prescribed) // 3
+    n = len(state.v) - n_p
+    qdot, qdot_p, q_p = state.v[:n], state.v[n:], state.q[n:]
+    q_d, a_d = prescribed[:n_p], prescribed[2 * n_p :]
+    v_d = prescribed[n_p : 2 * n_p]
     desired = unpack_tasks(targets.tasks, rows)
     error = e = find_error(state.q, state.R, state.p, desired, rows)
     if blend[0] < 1.0:
         desired = blend_tasks(rows, start.R, start.p, start.q, desired, blend)
-        q_d, v_d, a_d = blend_joints(start.q_p, q_d, v_d, a_d, blend, turn - n)
+        q_d, v_d, a_d = blend_vectors(start.q_p, q_d, v_d, a_d, blend)
         e = find_error(state.q, state.R, state.p, desired, rows)
     # Prescribed joints: the desired acceleration, with Eq. (14)'s feedback.
-    qddot_p = reference_acceleration(
-        a_d, v_d, qdot_p, displacement(q_p, q_d, turn - n), gains.Kp, gains.Kv
-    )
+    qddot_p = reference_acceleration(a_d, v_d, qdot_p, q_d - q_p, gains.Kp, gains.Kv)
     v_r = reference_velocity(desired.v, e, gains.K)
     v_task = times(state.J, state.v)
     a_r = reference_acceleration(desired.a, desired.v, v_task, e, gains.Kp, gains.Kv)

@@ -312,7 +312,6 @@ class Holding(NamedTuple):
     plant_step: float  # see `prediction.next_state` [s]
     positions: np.ndarray  # (nq,) see `prediction.state_ahead`
     order: np.ndarray  # (nv,)
-    turn: int
 
 
 @compiled
@@ -346,7 +345,7 @@ def held_step(
         vdot, tau, share = limit_torque(
             vdot, tau, inertia, v, h.controlled, limits, h.T, h.period
         )
-    after = state_ahead(q, v, vdot, time, h.plant_step, h.positions, h.order, h.turn)
+    after = state_ahead(q, v, vdot, time, h.plant_step, h.positions, h.order)
     return np.concatenate((vdot, tau, share, after))
 
 

@@ -455,6 +455,5 @@ def limited_acceleration(
         numbers.admission.step,
         r.positions,
         r.order,
-        r.turn,
     )
     return (chosen, tau, np.array([share, excess]), after, admission)

@@ -13,9 +13,7 @@ turning, inertia I and integrals over the points rho that it carries,
     d turning / dq = S x* turning + I Z + 2 int K rho_dot,                         (B6)
 
 where int S rho_dot, the wrench of the forces s x rho_dot dm with the turn s of S, is
-[(tr D) s - D s; s x p] with D = int rho_dot rho^T dm and p = int rho_dot dm. Where legs
-follow a base that slides, A has their own accelerations by x, and the slopes of a slide
-have those of the legs' joints by the chain rule.
+[(tr D) s - D s; s x p] with D = int rho_dot rho^T dm and p = int rho_dot dm.
 """
 
 from typing import NamedTuple
@@ -24,7 +22,6 @@ import numpy as np
 
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.kinematics import link_poses
-from crar_drake.equations.moving_legs import leg_motion, leg_slopes
 
 # The columns of `wrench_slopes`.
 WEIGHT_Q, TURNING_Q, TURNING_X, MOMENTUM_Q, MOMENTUM_X = range(5)
@@ -47,8 +44,6 @@ class Masses(NamedTuple):
     offset: np.ndarray  # (N,) how far the frame is from its parent, joints at 0 [m]
     radius: np.ndarray  # (N,) root mean square distance of its masses from it [m]
     g: float  # [m/s^2], downwards
-    legs: Held  # of the `Legs` that follow the base
-    moving: bool  # whether there are any
 
 
 class Wrenches(NamedTuple):
@@ -67,15 +62,10 @@ def wrenches(q: np.ndarray, x: np.ndarray, masses: Masses) -> Wrenches:
     Args:
         q: (nq,) positions, in the plant's order.
         x: (nv,) velocities, or displacements of a path, likewise.
-        masses: of the robot; what `q` and `x` say of legs that follow its base does
-            not count.
+        masses: of the robot.
     """
     tree = masses.tree.value
     N = len(masses.mass)
-    if masses.moving:
-        q, x, bent = _followed(q, x, masses.legs)
-    else:
-        bent = x
     X = link_poses(q.reshape(1, -1), tree, tree.every)[0]
     # Velocity and acceleration of what passes the world's origin, with each frame.
     w, u = np.zeros((N, 3)), np.zeros((N, 3))
@@ -107,16 +97,6 @@ def wrenches(q: np.ndarray, x: np.ndarray, masses: Masses) -> Wrenches:
                 alpha[i, k] = alpha[up, k] + w[i, m] * s[n] - w[i, n] * s[m]
                 a[i, k] = a[up, k] + (w[i, m] * v[n] - w[i, n] * v[m])
                 a[i, k] += u[i, m] * s[n] - u[i, n] * s[m]
-            if masses.moving and bent[masses.velocity[i]] != 0.0:
-                for k in range(3):
-                    s[k] = 0.0
-                    for j in range(3):
-                        s[k] += masses.turn[i, j] * R[j, k]
-                    s[k] *= bent[masses.velocity[i]]
-                for k in range(3):
-                    m, n = (k + 1) % 3, (k + 2) % 3
-                    alpha[i, k] += s[k]
-                    a[i, k] += p[m] * s[n] - p[n] * s[m]
         mass = masses.mass[i]
         if mass == 0.0:
             continue
@@ -162,19 +142,6 @@ def wrenches(q: np.ndarray, x: np.ndarray, masses: Masses) -> Wrenches:
     return Wrenches(weight, turning, momentum)
 
 
-@compiled
-def _followed(
-    q: np.ndarray, x: np.ndarray, held: Held
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q and x with legs as they follow the base, and accelerations (nv,) of the legs'
-    joints by x alone."""
-    legs = held.value
-    at, rate, bend = leg_motion(q[legs.slide_q], x[legs.slide_v], legs)
-    q, x, bent = q.copy(), x.copy(), np.zeros(len(x))
-    q[legs.leg_q], x[legs.leg_v], bent[legs.leg_v] = at, rate, bend
-    return q, x, bent
-
-
 @compiled(loops=True)
 def wrench_slopes(
     q: np.ndarray, x: np.ndarray, joints: np.ndarray, masses: Masses
@@ -185,22 +152,13 @@ def wrench_slopes(
     Args:
         q: (nq,) positions, in the plant's order.
         x: (nv,) velocities, likewise.
-        joints: (n,) velocities that it is asked of; each alone moves one frame. None
-            is a leg's that follows.
+        joints: (n,) velocities that it is asked of; each alone moves one frame.
     """
     tree = masses.tree.value
     N, n = len(masses.mass), len(joints)
     column = np.full(len(x), -1)
     for j in range(n):
         column[joints[j]] = j
-    count, place, rate_of, bent = n, x, x, x
-    if masses.moving:
-        legs = masses.legs.value
-        place, rate_of = q[legs.slide_q], x[legs.slide_v]
-        q, x, bent = _followed(q, x, masses.legs)
-        for j in range(len(legs.leg_v)):
-            column[legs.leg_v[j]] = n + j
-        count += len(legs.leg_v)
     X = link_poses(q.reshape(1, -1), tree, tree.every)[0]
     S, V, A = np.zeros((N, 6)), np.zeros((N, 6)), np.zeros((N, 6))
     # Of what each frame carries: mass, first moment, inertia about the world's origin,
@@ -228,9 +186,6 @@ def wrench_slopes(
                 V[i, k] = V[up, k] + rate * S[i, k]
                 A[i, k] = A[up, k]
             _add_bracket(V[i], S[i], rate, A[i])
-            if masses.moving:
-                for k in range(6):
-                    A[i, k] += bent[masses.velocity[i]] * S[i, k]
         mass = masses.mass[i]
         if mass == 0.0 or not carried[i]:
             continue
@@ -277,7 +232,7 @@ def wrench_slopes(
         for k in range(6):
             h[up, k] += h[i, k]
             f[up, k] += f[i, k]
-    slopes = np.zeros((count, 5, 6))
+    slopes = np.zeros((n, 5, 6))
     K, Z = np.empty(6), np.empty(6)
     for i in range(1, N):
         j = column[masses.velocity[i]]
@@ -301,36 +256,7 @@ def wrench_slopes(
         _add_crossed(S[i], f[i], found[TURNING_Q])
         _add_inertial(m[i], s[i], inertia[i], Z, 1.0, found[TURNING_Q])
         _add_turned(D[i], h[i], K, 2.0, found[TURNING_Q])
-    if masses.moving:
-        legs = masses.legs.value
-        by = leg_slopes(place, rate_of, legs)
-        for k in range(3):
-            j = column[legs.slide_v[k]]
-            if j >= 0:
-                for i in range(count - n):
-                    _add_leg(slopes[n + i], by[:, i, k], slopes[j])
-    return slopes[:n]
-
-
-@compiled(loops=True)
-def _add_leg(leg: np.ndarray, by: np.ndarray, to: np.ndarray) -> None:
-    """Adds to the slopes (5, 6) by a slide what a leg's joint with its own (5, 6) does.
-
-    Args:
-        leg: by the joint.
-        by: (3,) of `leg_slopes`: by how much the slide changes the joint's place, its
-            rate and its acceleration; a change of x changes rate by the first of these,
-            and acceleration by twice the second.
-        to: is gone on with.
-    """
-    for c in range(6):
-        to[WEIGHT_Q, c] += leg[WEIGHT_Q, c] * by[0]
-        to[TURNING_Q, c] += leg[TURNING_Q, c] * by[0] + leg[TURNING_X, c] * by[1]
-        to[TURNING_Q, c] += leg[MOMENTUM_X, c] * by[2]
-        to[TURNING_X, c] += leg[TURNING_X, c] * by[0]
-        to[TURNING_X, c] += leg[MOMENTUM_X, c] * 2.0 * by[1]
-        to[MOMENTUM_Q, c] += leg[MOMENTUM_Q, c] * by[0] + leg[MOMENTUM_X, c] * by[1]
-        to[MOMENTUM_X, c] += leg[MOMENTUM_X, c] * by[0]
+    return slopes
 
 
 @compiled(loops=True)

@@ -29,14 +29,14 @@ def hip_turns(performer: Performer, cutoff: float = DEFAULT_CUTOFF) -> np.ndarra
     if "pelvis" not in performer.orientations:
         raise MotionError(
             f"motion {performer.name}: it does not tell how the pelvis is turned, and "
-            "so not how a root that floats is; weld the base, or use another motion"
+            "so not how a robot's root is; use another motion"
         )
     return smooth_turns(
         performer.orientations["pelvis"],
         performer.frame_rate,
         cutoff,
         f"motion {performer.name}: the hips",
-        "prescribe no root",
+        "use another motion",
     )
 
 

@@ -21,7 +21,6 @@ from crar_drake.play.live_sources import LiveSource, make_live
 from crar_drake.play.motion_clock import MotionClock, to_and_fro, turning_time
 from crar_drake.play.recorder import Recorder
 from crar_drake.results.log import SimulationLog
-from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import Push, ScaleMasses, applied_force
@@ -91,7 +90,7 @@ class LiveSimulation:
             CrarError: something in the scenario, its robot or its motion is wrong.
         """
         wanted = scenario.controller.constraints
-        if load_robot_description(scenario.robot).root == "fixed":
+        if scenario.standing is None:
             # As obstacles that move ask for.
             scenario = deepcopy(scenario)
             scenario.plant_config.time_step = scenario.controller.period

@@ -88,7 +88,7 @@ def make_live(motion: DesiredMotion, model: ControlModel) -> DesiredMotion:
         return LiveSource(
             "desired_prescribed",
             motion.MakePrescribedSource(),
-            len(model.prescribed_positions),
+            model.n_p,
             motion.duration,
         )
 

@@ -31,7 +31,6 @@ from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory.performer_targets import LIMBS, PerformerTargets
-from crar_drake.trajectory.retargeted_motion import RATE
 from crar_drake.trajectory.retargeting import (
     Retargeter,
     RetargetingParameters,
@@ -39,6 +38,7 @@ from crar_drake.trajectory.retargeting import (
 
 # Of the layouts that a file can have, those that are taken if none is named.
 _LAYOUTS = {".csv": "xyzw-csv", ".npz": "mjlab-npz", ".pkl": "gmr-pkl"}
+RATE = 30.0  # [Hz] that most reference motions have
 CLEANING = CleaningParameters()  # of what was retargeted
 # Deeper than this below the floor is a violation, as `crar-drake judge` has it [m].
 MOST_BELOW = 0.01

@@ -129,7 +129,7 @@ def _of_the_floor(lowest: tuple[float, str, float] | None) -> list[str]:
     depth, link, time = lowest
     return [
         f"{-1e3 * depth:.0f} mm BELOW THE FLOOR: {link} at {time:.2f} s, and no "
-        "distance or limit tells of it; docs/guides/whole-body.md has feet that stand"
+        "distance or limit tells of it; crar-drake retarget makes feet that stand"
     ]
 
 

@@ -100,12 +100,11 @@ def as_measured(
         distances[i] = at.d
         errors[i] = error_from_targets(at.q, at.R, at.p, desired_tasks[i], rows)
     errors[np.isnan(reported["task_error"])] = np.nan
-    weights = np.ones((len(q), simulated.num_joints))
+    weights = np.ones((len(q), simulated.n))
     for column, name in zip(
         reported["constraint_weights"].T, commanded.joint_names, strict=True
     ):
-        if name in simulated.joint_names:  # slides of a pelvis are none of its joints
-            weights[:, simulated.joint_names.index(name)] = column
+        weights[:, simulated.joint_names.index(name)] = column
     return {
         "task_error": errors,
         "signed_distances": distances,

@@ -17,17 +17,14 @@ from pydrake.multibody.tree import (
     Frame,
     FrameIndex,
     Joint,
-    PrismaticJoint,
     QuaternionFloatingJoint,
     RigidBody,
     ScopedName,
-    SpatialInertia,
 )
 
 from crar_drake.errors import ModelError, check_vector, nearest
 from crar_drake.resources import data_folder, imported_robots_folder, install_command
 from crar_drake.robot.environment import Fixture, add_environment
-from crar_drake.robot.moving_pelvis import SLIDES, MovingPelvis
 from crar_drake.yaml_files import load_yaml, read_text
 
 # What `crar-drake import-robot` decided about a robot, beside its robot.yaml.
@@ -39,15 +36,8 @@ PRESCRIBED_SOURCES = ("waist.x", "waist.y", "waist.z", "waist.heading", "hold")
 # What pairs call the world's half space, which `ground` adds.
 GROUND = "ground"
 
-# What becomes of the base, and what of the pose of one that floats is prescribed; the
-# tasks move the rest.
-ROOTS = {
-    "fixed": (),
-    "prescribed": ("orientation", "position"),
-    "prescribed_position": ("position",),
-    "prescribed_orientation": ("orientation",),
-    "controlled": (),
-}
+# What becomes of the base.
+ROOTS = ("fixed", "prescribed")
 
 # Farther beyond its limit than this, a joint violates it [rad or m]. One number for
 # all figures: it says what counts, not how that is computed.
@@ -85,10 +75,8 @@ class RobotDescription:
         base: link that is welded to the world, or that floats; "" where the model welds
             itself.
         root: "fixed": the base is welded to the world; "prescribed": it floats, and
-            its pose is given (by a motion, that of the performer's hips); "controlled":
-            it floats, and the tasks move it as they move joints;
-            "prescribed_position", "prescribed_orientation": it floats, this is given,
-            and the tasks move the rest.
+            its pose is given, by a reference motion or by soles that stand. No law
+            moves it (`refuse_floating`).
         root_pose: where the base is at rest.
         prescribed_joints: joint to what the motion drives it with: "waist.x",
             "waist.y", "waist.z" (the waist's position in the world), "waist.heading"
@@ -181,8 +169,7 @@ class RobotDescription:
         if self.root != "fixed" and driven:
             raise ModelError(
                 f"robot {self.name}: prescribed_joints: {', '.join(driven)}: the root "
-                "floats, and goes where the performer's hips or the tasks take it; say "
-                "hold, or root: fixed"
+                "floats, and its pose is given; say hold, or root: fixed"
             )
         for joint, limit in self.velocity_limits.items():
             if not is_speed_limit(limit):
@@ -192,20 +179,21 @@ class RobotDescription:
                 )
         check_soles(self.soles, f"robot {self.name}")
 
-    @property
-    def prescribed_root(self) -> tuple[str, ...]:
-        """What of a floating base's pose is prescribed: "orientation", "position"."""
-        return ROOTS[self.root]
+    def refuse_floating(self) -> None:
+        """Raises ModelError if the base floats: the law moves joints alone."""
+        if self.root != "fixed":
+            raise ModelError(
+                f"robot {self.name}: root: {self.root}: its base {self.base!r} floats, "
+                "and the law moves joints alone. Weld it (root: fixed), or take the "
+                "robot's upper body; let it stand on its soles (standing in a "
+                "scenario, standing_description); or make a reference motion of the "
+                "whole body (crar-drake retarget)"
+            )
 
     @property
     def stands(self) -> bool:
         """Whether it is one of `standing_description`: its root rests on its soles."""
         return bool(self.soles) and self.root == "fixed"
-
-    @property
-    def slides(self) -> tuple[str, ...]:
-        """The joints that its base slides on over soles that stand, if it does."""
-        return ()
 
     def without_ground(self) -> "RobotDescription":
         """The same robot in the air: no ground, and no pair with it."""
@@ -215,18 +203,6 @@ class RobotDescription:
     def rest_pose(self) -> RigidTransform:
         """X_WB of the base at rest."""
         return RigidTransform(RollPitchYaw(self.root_pose.rpy), self.root_pose.xyz)
-
-
-@dataclass
-class StandingDescription(RobotDescription):
-    """A robot that stands on its soles, as `standing_description` makes one."""
-
-    # how its base slides and its legs follow; None where they stand still
-    pelvis: MovingPelvis | None = None
-
-    @property
-    def slides(self) -> tuple[str, ...]:
-        return SLIDES if self.pelvis else ()
 
 
 def check_soles(soles: dict[str, list[list[float]]], where: str) -> None:
@@ -426,30 +402,11 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
             body = find_body(plant, description.base)
             plant.SetDefaultFloatingBaseBodyPose(body, description.rest_pose())
             return
-        base, carrier = find_frame(plant, description.base), plant.world_frame()
-        if isinstance(description, StandingDescription) and description.pelvis:
-            carrier = _add_slides(plant, description.pelvis)
+        base = find_frame(plant, description.base)
         try:
-            plant.WeldFrames(carrier, base, description.rest_pose())
+            plant.WeldFrames(plant.world_frame(), base, description.rest_pose())
         except RuntimeError as error:  # e.g. the model has welded it already
             raise ModelError(f"{model}: base: {description.base!r}: {error}") from error
-
-
-def _add_slides(plant: MultibodyPlant, pelvis: MovingPelvis) -> Frame:
-    """Three bodies without mass that slide along the world's axes, each on the one
-    before; the last one's frame, which is the world's with all at 0."""
-    frame, instance = plant.world_frame(), plant.AddModelInstance("base_slides")
-    for name, axis, lower, upper, speed in zip(
-        SLIDES, np.eye(3), pelvis.lower, pelvis.upper, pelvis.speed, strict=True
-    ):
-        body = plant.AddRigidBody(name, instance, SpatialInertia.Zero())
-        joint = plant.AddJoint(
-            PrismaticJoint(name, frame, body.body_frame(), axis, lower, upper)
-        )
-        joint.set_velocity_limits([-speed], [speed])
-        plant.AddJointActuator(name, joint)
-        frame = body.body_frame()
-    return frame
 
 
 def _add_ground(plant: MultibodyPlant, height: float) -> None:
@@ -504,16 +461,21 @@ def find_root(
         raise ModelError(
             f"robot {description.name}: link {name!r} has a joint with more positions "
             f"than velocities ({joint.type_name()}), and nothing says what moves it: "
-            f"write base: {name} and root: prescribed, if it is the robot's base and "
-            "its pose is given, root: controlled, if tasks are to move it, or root: "
-            "fixed to weld it; loose things and ball joints cannot be in the control "
-            "model"
+            f"write base: {name} and root: fixed to weld it, or root: prescribed, if "
+            "it is the base of a whole body (retarget, or standing on its soles); "
+            "loose things and ball joints cannot be in the control model"
         )
     if body is not None and root is None:
         raise ModelError(
             f"robot {description.name}: root: {description.root!r}, but its base "
             f"{body.name()!r} does not float by a quaternion in the plant; leave out "
             "what joins it to the world, or write root: fixed"
+        )
+    if root is not None and root.parent_body() != plant.world_body():
+        raise ModelError(
+            f"robot {description.name}: root: {description.root!r}, but its base "
+            f"{root.child_body().name()!r} floats on {root.parent_body().name()!r}; "
+            "let it float on the world"
         )
     return root
 

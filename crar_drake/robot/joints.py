@@ -2,11 +2,10 @@
 of its positions and velocities are controlled, and which prescribed."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint, PrismaticJoint, QuaternionFloatingJoint
+from pydrake.multibody.tree import Joint, PrismaticJoint
 
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import RobotDescription, find_joint
@@ -92,50 +91,23 @@ def speed_limits(plant: MultibodyPlant, description: RobotDescription) -> np.nda
     return limits
 
 
-class Places(NamedTuple):
-    """Indices in v, or in q, of what is controlled and of what is prescribed, a root
-    that floats last in each; and of all of the root, its orientation first."""
-
-    controlled: np.ndarray
-    prescribed: np.ndarray
-    root: np.ndarray
-
-
 def find_places(
-    plant: MultibodyPlant,
-    moved: Sequence[Joint],
-    root: QuaternionFloatingJoint | None,
-    given: Sequence[str],
-    *,
-    of_positions: bool = False,
-) -> Places:
-    """Where joints are in v, or in q.
+    plant: MultibodyPlant, prescribed: Sequence[Joint], *, of_positions: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where joints are in v, or in q: all others, and the prescribed in their order.
 
     Args:
         plant: finalized.
-        moved: the prescribed joints, in their order.
-        root: the joint by which the base floats; None if it does not.
-        given: what of the root is prescribed: "orientation", "position".
+        prescribed: joints whose motion is known.
         of_positions: whether the places are those in q.
     """
-
-    def places(joints: Sequence[Joint]) -> np.ndarray:
-        spans = [
-            (joint.position_start(), joint.num_positions())
-            if of_positions
-            else (joint.velocity_start(), joint.num_velocities())
-            for joint in joints
-        ]
-        found = [start + i for start, count in spans for i in range(count)]
-        return np.array(found, dtype=int)
-
-    of_root, prescribed = places([root] if root else []), places(moved)
-    turns = np.arange(len(of_root)) < len(of_root) - 3  # the last three are a position
-    is_given = np.where(turns, "orientation" in given, "position" in given)
+    spans = [
+        (joint.position_start(), joint.num_positions())
+        if of_positions
+        else (joint.velocity_start(), joint.num_velocities())
+        for joint in prescribed
+    ]
+    found = [start + i for start, count in spans for i in range(count)]
     every = plant.num_positions() if of_positions else plant.num_velocities()
-    joints = np.setdiff1d(np.arange(every), [*prescribed, *of_root])
-    return Places(
-        np.concatenate([joints, of_root[~is_given]]),
-        np.concatenate([prescribed, of_root[is_given]]),
-        of_root,
-    )
+    others = np.setdiff1d(np.arange(every), found)
+    return others, np.array(found, dtype=int)

@@ -196,6 +196,5 @@ def _motions(
     raise ModelError(
         f"joint {joint.name()!r} is a {joint.type_name()} joint, whose velocities are "
         "not the rates of its positions; use revolute, prismatic, screw, universal or "
-        "planar joints, or weld it; a base may float by a quaternion (quaternion_"
-        "floating)"
+        "planar joints, or weld it"
     )

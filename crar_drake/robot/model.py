@@ -7,15 +7,14 @@ about control.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from pydrake.geometry import Capsule, SceneGraph, Sphere
+from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from crar_drake.equations.free_joints import PLAIN, displaced
 from crar_drake.equations.kinematics import Measured, State, evaluate_state
 from crar_drake.equations.tasks import task_weights
 from crar_drake.errors import ModelError
@@ -23,7 +22,6 @@ from crar_drake.robot.actuators import Actuators
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import (
     RobotDescription,
-    StandingDescription,
     add_robot,
     find_body,
     find_joint,
@@ -42,7 +40,6 @@ from crar_drake.robot.task_targets import find_targets
 from crar_drake.robot.workspace import Distances, ModelState, Workspace
 
 _NOTHING_ASKED = np.zeros((0, 7))
-_NO_FORCE = np.zeros(0)
 
 
 class ControlModel:
@@ -50,9 +47,9 @@ class ControlModel:
 
     The joints of the plant are either *prescribed* (their acceleration is known)
     or *controlled* (the paper's q, in the plant's order of velocities). Each must
-    have as many velocities as positions and be actuated. Only the root may be free
-    (`equations.free_joints`), its orientation and its position each prescribed or
-    controlled: no actuator moves it, and the force that does is reported apart.
+    have as many velocities as positions and be actuated. Only the root may float, by
+    a quaternion: its pose then is among what is prescribed, and the model tells where
+    the robot is, but no law takes it (`RobotDescription.refuse_floating`).
 
     Attributes:
         plant, scene_graph, diagram: the model itself.
@@ -68,25 +65,20 @@ class ControlModel:
             in the order of `order`.
         robot_by_pair, robot_ahead: for `equations.kinematics`: at one configuration,
             a row for each pair; and at two, a row for each pair of shapes.
-        n, n_p, m: numbers of controlled joints, prescribed joints and task rows, of a
-            free root three velocities for its orientation and three for its position.
-        controlled, prescribed: (n,), (n_p,) their indices in v; a free root's come last
-            in each.
-        num_joints: number of controlled joints without a free root's velocities,
-        joint_positions: (num_joints,) and their indices in q.
-        controlled_positions, prescribed_positions: (nq_c,), (nq_p,) their indices in q.
-            All are those in v, unless the root is free, whose quaternion is one more.
-        root_positions: (7,) the root's indices in q if it is free, else (0,).
+        n, n_p, m: numbers of controlled joints, prescribed joints and task rows; the
+            six velocities of a root that floats are among the prescribed.
+        controlled, prescribed: (n,), (n_p,) their indices in v, of a root that floats
+            at the end.
+        controlled_positions, prescribed_positions: (n,), (nq_p,) their indices in q.
+            All are those in v, unless the root floats, whose quaternion is one more.
+        root_positions: (7,) the root's indices in q if it floats, else (0,).
         order, positions: (nv,), (nq,) both, one after the other, in v and in q.
-        num_free: 1 if the root is free, which has a position more than velocities.
-        turn: where its orientation begins in `order` and in `positions`; PLAIN if
-            nothing is free.
-        unactuated: (6,) the root's indices in v if it is free, else (0,).
+        floats: whether the root floats.
         position_names, velocity_names: (nq,), (nv,) the joint of each position and
             velocity of the plant.
         joint_names, prescribed_names: (n,), (n_p,) those of the velocities of
             controlled and prescribed joints.
-        lower, upper: (n,) limits of the controlled joints [rad]; a root has none.
+        lower, upper: (n,) limits of the controlled joints [rad].
         effort_limits: (nv,) largest effort per joint, inf where there is none.
         actuator_limits: (nu,) the same per actuator, in their order.
         velocity_limits: (nv,) largest speed per joint, inf where there is none: the
@@ -142,7 +134,6 @@ class ControlModel:
             self.order,
             self.positions,
             self.n,
-            self.turn,
         )
         self._check_distances()
 
@@ -171,8 +162,6 @@ class ControlModel:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
         add_robot(plant, description)
         plant.Finalize()
-        if isinstance(description, StandingDescription) and description.pelvis:
-            _swell(plant, scene_graph, description.pelvis.swellings)
         return ControlModel(
             builder.Build(), plant, scene_graph, description, tasks, distances
         )
@@ -230,11 +219,7 @@ class ControlModel:
         """
         # What may not be written to is compiled for anew.
         measured = self.measure(workspace, *(np.array(x, dtype=float) for x in (q, v)))
-        return ModelState.of(
-            evaluate_state(measured, self.robot_by_pair),
-            self.n,
-            len(self.controlled_positions),
-        )
+        return ModelState.of(evaluate_state(measured, self.robot_by_pair), self.n)
 
     def measure(
         self,
@@ -313,35 +298,12 @@ class ControlModel:
             workspace: at the state of the last `evaluate`.
             vdot: (nv,) accelerations of all joints of the plant.
         """
-        return self._actuators.efforts(self._generalized_forces(workspace, vdot))
-
-    def root_force(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
-        """What the root must be pushed with from outside, at the workspace's state.
-
-        Args:
-            workspace: at the state of the last `evaluate`.
-            vdot: (nv,) accelerations of all joints of the plant.
-
-        Returns:
-            (nv,) generalized forces of a free root: the moment about its origin and the
-            force, in the world [Nm, N]; 0 for all that is actuated. (0,) if nothing is
-            free.
-        """
-        if not self.num_free:
-            return _NO_FORCE
-        force = np.zeros(len(vdot))
-        tau = self._generalized_forces(workspace, vdot)
-        force[self.unactuated] = tau[self.unactuated]
-        return force
-
-    def _generalized_forces(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
-        """(nv,) of all joints, whoever provides them."""
         plant, context = self.plant, workspace.plant_context
         plant.CalcForceElementsContribution(context, workspace.forces)
         tau = plant.CalcInverseDynamics(context, vdot, workspace.forces)
         if self._is_damped:
             tau = tau + self._implicit_damping * vdot
-        return tau
+        return self._actuators.efforts(tau)
 
     def in_order(self, q: np.ndarray, *v: np.ndarray) -> tuple[np.ndarray, ...]:
         """Positions (nq,) and velocities (nv,) of the plant in the equations' order."""
@@ -354,17 +316,12 @@ class ControlModel:
         return plain, *(x[self._places] for x in v)
 
     def prescribed_at(self, q: np.ndarray) -> np.ndarray:
-        """[q_p; 0; 0] (prescribed_size,), which asks the prescribed joints to stay.
+        """[q_p; 0; 0] (3 n_p,), which asks the prescribed joints to stay.
 
         Args:
             q: (nq,) positions of the whole plant.
         """
         return np.concatenate((q[self.prescribed_positions], np.zeros(2 * self.n_p)))
-
-    @property
-    def prescribed_size(self) -> int:
-        """Entries of [q_p; q_dot_p; q_ddot_p], nq_p + 2 n_p."""
-        return len(self.prescribed_positions) + 2 * self.n_p
 
     def join(self, controlled: np.ndarray, prescribed: np.ndarray) -> np.ndarray:
         """(nv,) of all joints, from (n,) controlled and (n_p,) prescribed ones."""
@@ -403,7 +360,7 @@ class ControlModel:
         for name, value in self.description.rest_posture.items():
             joint = find_joint(plant, name)
             q[joint.position_start()] = value
-        if self.num_free:
+        if self.floats:
             X_WB = self.description.rest_pose()
             q[self.root_positions[:4]] = X_WB.rotation().ToQuaternion().wxyz()
             q[self.root_positions[4:]] = X_WB.translation()
@@ -414,14 +371,10 @@ class ControlModel:
 
         Args:
             q: (nq,) of the whole plant.
-            by: (n,) displacements [rad or m]; of a free root a rotation vector and a
-                translation, in the world, or one of them.
+            by: (n,) displacements [rad or m].
         """
-        q, at = q.copy(), self.controlled_positions
-        if 0 <= self.turn < self.n:
-            q[at] = displaced(q[at], by, self.turn)
-        else:  # not worth compiling
-            q[at] += by
+        q = q.copy()
+        q[self.controlled_positions] += by
         return q
 
     def tasks_at(self, q: np.ndarray, workspace: Workspace | None = None) -> np.ndarray:
@@ -444,40 +397,36 @@ class ControlModel:
         check_described_joints(plant, description)
         root = find_root(plant, description)
         moved = [find_joint(plant, name) for name in description.prescribed_joints]
-        self.num_free = int(root is not None)
-        given = plant, moved, root, description.prescribed_root
-        self.controlled, self.prescribed, self.unactuated = find_places(*given)
-        (self.controlled_positions, self.prescribed_positions, self.root_positions) = (
-            find_places(*given, of_positions=True)
+        self.floats = root is not None
+        of_root = [root] if root else []
+        known = moved + of_root
+        self.controlled, self.prescribed = find_places(plant, known)
+        self.controlled_positions, self.prescribed_positions = find_places(
+            plant, known, of_positions=True
         )
+        _, unactuated = find_places(plant, of_root)
+        _, self.root_positions = find_places(plant, of_root, of_positions=True)
         names = names_by_joint(plant)
         try:
-            self._actuators = Actuators(plant, names, self.unactuated)
+            self._actuators = Actuators(plant, names, unactuated)
         except ModelError as error:
             raise ModelError(f"robot {description.name}: {error}") from None
         self.n, self.n_p = len(self.controlled), len(self.prescribed)
-        self.num_joints = self.n - int(np.isin(self.unactuated, self.controlled).sum())
         self.order = np.concatenate([self.controlled, self.prescribed])
         self._places = np.argsort(self.order)
         self.positions = np.concatenate(
             [self.controlled_positions, self.prescribed_positions]
         )
-        self.turn = PLAIN
-        if self.num_free:
-            self.turn = int(np.argmax(self.positions == self.root_positions[0]))
         nv = plant.num_velocities()
         self._still = np.zeros(nv)
-        if not self.num_joints:
+        if not self.n:
             raise ModelError("the plant has no joint left to control")
         self.velocity_names = names
         self.position_names = names_by_joint(plant, of_positions=True)
         self.joint_names = [names[i] for i in self.controlled]
         self.prescribed_names = [names[i] for i in self.prescribed]
-        self.joint_positions = self.controlled_positions[: self.num_joints]
-        # A root has no limits: its positions may be any n of them.
-        at = self.controlled_positions[: self.n]
-        self.lower = plant.GetPositionLowerLimits()[at]
-        self.upper = plant.GetPositionUpperLimits()[at]
+        self.lower = plant.GetPositionLowerLimits()[self.controlled_positions]
+        self.upper = plant.GetPositionUpperLimits()[self.controlled_positions]
         self.effort_limits = self._actuators.joint_limits
         self.actuator_limits = self._actuators.limits
         self.velocity_limits = speed_limits(plant, self.description)
@@ -498,7 +447,7 @@ class ControlModel:
             self.plant,
             self.description,
             self.tasks,
-            self.joint_names[: self.num_joints],
+            self.joint_names,
         )
         self.m = self.layout.m
         self.row_weights = task_weights(
@@ -519,23 +468,6 @@ class ControlModel:
                 "a watched pair has shapes whose distance SceneGraph cannot compute; "
                 f"use spheres, capsules or convex shapes: {error}"
             ) from error
-
-
-def _swell(
-    plant: MultibodyPlant, scene_graph: SceneGraph, by: Mapping[str, float]
-) -> None:
-    """Makes capsules and spheres of links thicker [m]."""
-    inspector = scene_graph.model_inspector()
-    for link, more in by.items():
-        for geometry in plant.GetCollisionGeometriesForBody(find_body(plant, link)):
-            shape = inspector.GetShape(geometry)
-            if isinstance(shape, Capsule):
-                shape = Capsule(shape.radius() + more, shape.length())
-            elif isinstance(shape, Sphere):
-                shape = Sphere(shape.radius() + more)
-            else:
-                continue
-            scene_graph.ChangeShape(plant.get_source_id(), geometry, shape)
 
 
 def _refuse_constraints(plant: MultibodyPlant) -> None:

@@ -20,12 +20,11 @@ def numbers_of_robot(
     order: np.ndarray,
     positions: np.ndarray,
     n: int,
-    turn: int,
 ) -> tuple[np.ndarray, Held, Held]:
     """Collects every point whose position a step needs, and what moves it.
 
     Args:
-        joints, pairs, layout, task_targets, order, positions, n, turn: as those of a
+        joints, pairs, layout, task_targets, order, positions, n: as those of a
             `ControlModel`.
 
     Returns:
@@ -99,7 +98,6 @@ def numbers_of_robot(
                 order,
                 positions,
                 n,
-                turn,
                 selection,
                 first,
                 tree,

@@ -8,7 +8,6 @@ import numpy as np
 from pydrake.multibody.tree import RigidBody
 
 from crar_drake.equations.admission import Reaches
-from crar_drake.errors import ModelError
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.kinematics import JointTree
 
@@ -32,9 +31,6 @@ def find_reaches(
         pairs: of it; those of other shapes have none.
         order: (nv,) of the joints, as in `equations.kinematics.Robot`.
         lower, upper: (nq,) limits of all joints, in the plant's order.
-
-    Raises:
-        ModelError: a joint that floats is carried by another one.
     """
     tree = joints.tree
     per_slide = lengths_of_slides(joints)
@@ -93,14 +89,10 @@ def chain_reaches(
     Returns:
         (nv,) by `order` [m/rad, 1], 0 for joints that do not move the body; and
         (frames, nv) what a unit of each slide between a joint and the points adds.
-
-    Raises:
-        ModelError: a joint that floats is carried by another one.
     """
     tree = joints.tree
     steps = tree.fixed[:, 3, :3]  # where a frame's origin is in its parent
     per_slide = lengths_of_slides(joints)
-    floats = {frame for frame, _ in tree.free}
     places = np.argsort(order)
     frame, X_FB = joints.place(body)
     reach = np.zeros(len(order))
@@ -116,21 +108,11 @@ def chain_reaches(
             if not turn.any():
                 continue
             by_slide[:, place] = slides
-            if len(joints.velocities[frame]) > 1:
-                # The axis of a free joint's turn is any through its origin.
-                reach[place] = max(map(np.linalg.norm, offset)) + rest
-            else:
-                arm = max(np.linalg.norm(np.cross(turn, point)) for point in offset)
-                reach[place] += arm + rest
+            arm = max(np.linalg.norm(np.cross(turn, point)) for point in offset)
+            reach[place] += arm + rest
         rest += max(np.linalg.norm(point) for point in offset)
         slides[frame] = per_slide[frame]
         offset = [steps[frame]]
-        if frame in floats and tree.parent[frame]:
-            raise ModelError(
-                f"link {body.name()!r} is carried by a joint that floats on "
-                "another joint: nothing bounds how far it is taken; let it float "
-                "on the world"
-            )
         frame = tree.parent[frame]
     return reach, by_slide
 

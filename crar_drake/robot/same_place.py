@@ -22,8 +22,8 @@ _FAR = 0.05
 def check_place(
     plant: MultibodyPlant, model: ControlModel, *part: ModelInstanceIndex
 ) -> None:
-    """Compares the axes of all joints in the world, at rest; files may place frames as
-    they like along them. A root that floats has its place in the state.
+    """Looks at what carries the robot, and where the axes of all joints are in the
+    world, at rest; files may place frames as they like along them.
 
     Args:
         plant: finalized, with positions of the same names as the model's.
@@ -31,11 +31,12 @@ def check_place(
         part: the robot's instance, if there are other things in the plant.
 
     Raises:
-        ModelError: an axis is 5 cm or 0.05 rad from where the model has it, so that
-            gravity and targets would mean something else.
+        ModelError: something that moves carries the robot; or an axis is 5 cm or 0.05
+            rad from where the model has it, so that gravity and targets would mean
+            something else.
     """
-    if model.num_free:
-        return
+    for instance in part:
+        _refuse_carried(plant, model, instance)
     q = model.rest_positions()
     theirs, ours = plant.CreateDefaultContext(), model.plant.CreateDefaultContext()
     plant.SetPositions(theirs, *part, q)
@@ -58,6 +59,28 @@ def check_place(
                 "model's base is, or let the model be where the robot is: "
                 "dataclasses.replace(description, root_pose=RootPose(xyz, rpy))"
             )
+
+
+def _refuse_carried(
+    plant: MultibodyPlant, model: ControlModel, part: ModelInstanceIndex
+) -> None:
+    """Raises ModelError where a joint that is none of a part's moves a body of it."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    carriers = {joint.child_body().index(): joint for joint in joints}
+    own = {index for index in plant.GetJointIndices(part)}
+    for index in plant.GetBodyIndices(part):
+        body = plant.get_body(index)
+        while (joint := carriers.get(body.index())) is not None:
+            if joint.num_velocities() and joint.index() not in own:
+                raise ModelError(
+                    f"robot {model.description.name}: its link "
+                    f"{plant.get_body(index).name()!r} is carried by joint "
+                    f"{joint.name()!r} of "
+                    f"{plant.GetModelInstanceName(joint.model_instance())!r}, which "
+                    "the law does not know: weld the base to the world, or make both "
+                    "one model (its joints as prescribed_joints)"
+                )
+            body = joint.parent_body()
 
 
 def _axis(joint: Joint, context: Context) -> tuple[np.ndarray, np.ndarray]:

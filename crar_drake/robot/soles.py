@@ -9,11 +9,9 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from crar_drake.equations.balance import Ground, Masses
 from crar_drake.equations.compilation import hold
-from crar_drake.equations.moving_legs import Legs, no_legs
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import FLOOR_TOLERANCE, find_body
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.moving_pelvis import SLIDES, MovingPelvis
 
 # Faces of the cone that differ by less are one [of unit normals].
 _SAME = 1e-7
@@ -29,15 +27,10 @@ def find_masses(model: ControlModel) -> Masses:
         model: of the robot, whose description has soles.
 
     Raises:
-        ModelError: the base floats, there is no gravity downwards, or something moves
-            that does not stand on the soles.
+        ModelError: there is no gravity downwards, or something moves that does not
+            stand on the soles.
     """
     plant, joints = model.plant, model.joints
-    if model.num_free:
-        raise ModelError(
-            "balance: the base of the robot floats; give the description that stands "
-            "on its soles (standing_description)"
-        )
     down = plant.gravity_field().gravity_vector()
     if not down[2] < 0.0 or np.abs(down[:2]).max() > 1e-9:
         raise ModelError(f"balance: gravity is {down} m/s^2; it must point along -z")
@@ -67,7 +60,6 @@ def find_masses(model: ControlModel) -> Masses:
     turn, slide = np.zeros((N, 3)), np.zeros((N, 3))
     turn[joints.frame_of_velocity] = joints.turns
     slide[joints.frame_of_velocity] = joints.slides
-    legs = _legs(model)
     return Masses(
         hold(tree),
         velocity,
@@ -79,28 +71,7 @@ def find_masses(model: ControlModel) -> Masses:
         np.linalg.norm(tree.fixed[:, 3, :3], axis=1),
         np.sqrt(square / np.where(mass > 0.0, mass, 1.0)),
         float(-down[2]),
-        hold(legs),
-        len(legs.leg_q) > 0,
     )
-
-
-def _legs(model: ControlModel) -> Legs:
-    """What follows the base, if that moves."""
-    pelvis = _pelvis(model)
-    if pelvis is None:
-        return no_legs()
-    positions, velocities = list(model.position_names), list(model.velocity_names)
-    return pelvis.legs(
-        *(
-            [names.index(name) for name in joints]
-            for joints in (SLIDES, pelvis.joints)
-            for names in (positions, velocities)
-        )
-    )
-
-
-def _pelvis(model: ControlModel) -> MovingPelvis | None:
-    return getattr(model.description, "pelvis", None)
 
 
 def _on_soles(model: ControlModel) -> set[int]:
@@ -152,14 +123,8 @@ def sole_corners(
     """
     plant = model.plant
     context = plant.CreateDefaultContext()
-    q, moving = model.rest_positions(), set()
-    if (pelvis := _pelvis(model)) is not None:
-        # They stand wherever the base is; so where legs are as at rest.
-        moving = set(SLIDES)
-        at = [list(model.position_names).index(name) for name in pelvis.joints]
-        q[at] = pelvis.rest
-    plant.SetPositions(context, q)
-    held = moving | {
+    plant.SetPositions(context, model.rest_positions())
+    held = {
         joint
         for joint, source in model.description.prescribed_joints.items()
         if source == "hold"

@@ -99,25 +99,9 @@ def pose_tasks(
 
 
 def experiment_tasks(experiment: str) -> list[Task]:
-    """The tasks of an experiment, one of `EXPERIMENTS` or `WHOLE_BODY`.
+    """The tasks of an experiment, one of `EXPERIMENTS`."""
+    return position_tasks(EXPERIMENTS[experiment])
 
-    The whole body's are the upper body's, the poses of both feet, and the knees. With
-    the root prescribed a foot's pose takes all six joints of a leg, but in more ways
-    than one: a knee tells which, where a hip passes close to a singular pose.
-    """
-    if experiment != WHOLE_BODY:
-        return position_tasks(EXPERIMENTS[experiment])
-    feet = pose_tasks(["left_foot", "right_foot"], _FOOT_TURN_WEIGHT, _FOOT_WEIGHT)
-    knees = position_tasks(["left_knee", "right_knee"])
-    return position_tasks(EXPERIMENTS["upper-body"]) + feet + knees
-
-
-WHOLE_BODY = "whole-body"
-
-# What evades moves points rather than feet, and is damped as ever. A radian of a foot
-# counts as much as 20 cm of it.
-_FOOT_WEIGHT = 20.0
-_FOOT_TURN_WEIGHT = 0.2 * _FOOT_WEIGHT  # [m/rad]
 
 # The task sets of the paper's two experiments, Section IV.
 EXPERIMENTS: dict[str, list[str]] = {

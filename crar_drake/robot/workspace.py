@@ -20,9 +20,7 @@ class ModelState:
     n controlled and n_p prescribed joints, m task rows, Nc watched pairs.
     """
 
-    # (n,) positions of the controlled joints [rad]; those of a root whose orientation
-    # is controlled, which has one more, are not all in it
-    q: np.ndarray
+    q: np.ndarray  # (n,) positions of the controlled joints [rad]
     qdot: np.ndarray  # (n,) velocities of the controlled joints [rad/s]
     q_p: np.ndarray  # (nq_p,) positions of the prescribed joints
     qdot_p: np.ndarray  # (n_p,) and their velocities
@@ -37,14 +35,13 @@ class ModelState:
     dd_dq_p: np.ndarray  # (Nc, n_p) Eq. (20), prescribed joints.
 
     @staticmethod
-    def of(state: State, n: int, nq_c: int) -> ModelState:
-        """The equations' state, with the n controlled joints and their nq_c positions
-        apart."""
+    def of(state: State, n: int) -> ModelState:
+        """The equations' state, with the n controlled joints apart."""
         q, v, R, p, J, Jdot_qdot, d, dd_dv = state
         return ModelState(
             q=q[:n],
             qdot=v[:n],
-            q_p=q[nq_c:],
+            q_p=q[n:],
             qdot_p=v[n:],
             R=R,
             p=p,

@@ -71,8 +71,7 @@ def frame_alarms(
     if not floating or not missing:
         return []
     return [
-        f"frames: without {', '.join(missing)} no motion can be run with "
-        f"--experiment whole-body; {_TO_DO}"
+        f"frames: without {', '.join(missing)} no motion can be retargeted; {_TO_DO}"
     ]
 
 

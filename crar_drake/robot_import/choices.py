@@ -37,8 +37,8 @@ _COMMENTS = {
     "up_axis": "of DAE meshes: file, as each says; z, z up whatever they say",
     "up": "axis of the root link that points up: +x, -x, +y, -y, +z or -z",
     "facing": "axis of the root link that points ahead: +x, -x, +y, -y, +z or -z",
-    "base": "floating: the motion moves and turns the root link in all directions; "
-    "prescribed: it turns it about z only; fixed: welded",
+    "base": "floating: a reference motion says where the root link is; prescribed: a "
+    "motion moves it and turns it about z; fixed: welded",
     "lock": f"groups of joints to lock: {', '.join(GROUPS)}",
     "locked": "joint -> position [rad or m] at which it is welded",
     "segments": "link -> links welded to it that share its capsules",
@@ -88,8 +88,8 @@ class ImportChoices:
     up: str | None = None
     facing: str | None = None  # axis of the root link that points ahead, one of `AXES`
     # "prescribed" (three prismatic joints and a heading between world and root link,
-    # driven by the motion), "floating" (by a quaternion: the motion turns it in all
-    # directions) or "fixed"
+    # driven by the motion), "floating" (by a quaternion, for reference motions and for
+    # standing) or "fixed"
     base: str | None = None
     # groups (`GROUPS`) whose joints are locked where `locked` is guessed; None is all
     # that no arm needs

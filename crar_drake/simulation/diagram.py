@@ -36,7 +36,6 @@ from crar_drake.simulation.moving_obstacles import ObstacleSource
 from crar_drake.simulation.scenario import (
     Scenario,
     SimulatedRobot,
-    check_experiment,
     check_periods,
 )
 from crar_drake.simulation.visuals import draw_collision_shapes, set_surroundings
@@ -45,7 +44,6 @@ from crar_drake.targets.keyframes import KeyframeTrajectory
 from crar_drake.targets.motion import load_motion_targets
 from crar_drake.targets.sources import PoseTrajectorySource
 from crar_drake.targets.start_pose import solve_start_pose
-from crar_drake.targets.whole_body import follows_legs, with_joints
 
 
 def AddRobot(
@@ -100,8 +98,7 @@ def AddCrarController(
     estimated_state: OutputPort | None = None,
     obstacle_speeds: Sequence[float] = (),
 ) -> CrarController:
-    """Adds a controller beside a plant and connects state and actuation, and, if the
-    root floats, what pushes it.
+    """Adds a controller beside a plant and connects state and actuation.
 
     What remains to be connected are `desired_tasks` and, if the description
     prescribes joints, `desired_prescribed`; see `CrarController` for what they carry.
@@ -128,9 +125,8 @@ def AddCrarController(
     Raises:
         ModelError: the plant is not finalized, has another state or other
             actuators than the control model or stands elsewhere, or a name is not in
-            it; or its actuation is connected already; or the root floats, and the
-            plant's applied_generalized_force is connected already, or other things in
-            the plant move; or `model_instance` lacks `control_model`.
+            it; or its actuation is connected already; or its base floats, or something
+            that moves carries it; or `model_instance` lacks `control_model`.
         ScenarioError: a parameter is out of range, or the control period or the
             torque period is not a multiple of the plant's time step.
     """
@@ -196,21 +192,6 @@ def AddCrarController(
     builder.Connect(
         controller.get_output_port_actuation(), plant.get_actuation_input_port(*part)
     )
-    force = controller.get_output_port_root_force()
-    if force is not None:
-        if plant.num_velocities() != model_plant.num_velocities():
-            raise ModelError(
-                "the root floats, and what pushes it goes to the whole plant: nothing "
-                "else that moves may be in it"
-            )
-        port = plant.get_applied_generalized_force_input_port()
-        if builder.IsConnectedOrExported(port):
-            raise ModelError(
-                "the root floats, and what pushes it goes to the plant's input port "
-                f"{port.get_name()}, which is connected already; leave it open, or "
-                "make a CrarController and add its root_force to yours by an Adder"
-            )
-        builder.Connect(force, port)
     return controller
 
 
@@ -251,22 +232,19 @@ def PrepareScenario(scenario: Scenario) -> Setup:
     """
     scenario.validate()
     description = load_robot_description(scenario.robot)
-    check_experiment(scenario.experiment, description)
     if scenario.standing is not None:
         return _prepare_standing(scenario, description)
+    description.refuse_floating()
     model = ControlModel.FromDescription(
         description,
         scenario.task_list(),
         distances=scenario.controller.distances,
         time_step=scenario.plant_config.time_step,
     )
-    if scenario.motion and follows_legs(model):
-        model = with_joints(model, scenario.controller.distances)
     motion = load_desired_motion(scenario, model)
-    start = motion.start
-    if start is None and scenario.controller.balance is not None:
+    if scenario.controller.balance is not None:
         start = model.rest_positions()  # known to be balanced
-    elif start is None:
+    else:
         start = solve_start_pose(model, motion.tasks_at(0.0), motion.prescribed_at(0.0))
     return Setup(model, motion, start)
 
@@ -275,8 +253,7 @@ def _prepare_standing(scenario: Scenario, description: RobotDescription) -> Setu
     """The law's model stands still on its soles, and is at each instant what the law
     commands; what is simulated floats. Both start as the robot rests."""
     tasks, distances = scenario.task_list(), scenario.controller.distances
-    pelvis = scenario.standing.pelvis
-    standing = standing_description(description, pelvis and pelvis.box())
+    standing = standing_description(description)
     model, simulated = (
         ControlModel.FromDescription(
             described, tasks, distances=distances, time_step=time_step
@@ -323,7 +300,7 @@ def _from_keyframes(scenario: Scenario, model: ControlModel) -> DesiredMotion:
     return DesiredMotion(
         source.duration,
         source.at,
-        lambda time: held[: len(model.prescribed_positions)],
+        lambda time: held[: model.n_p],
         lambda: PoseTrajectorySource(model.layout, ways),
         (lambda: ConstantVectorSource(held)) if model.n_p else None,
     )
@@ -493,8 +470,7 @@ def AddStandingController(
     motion = builder.AddSystem(
         CommandedMotion(model.rest_positions(), parameters.period)
     )
-    pelvis = getattr(model.description, "pelvis", None)
-    standing = builder.AddSystem(StandingController(law, model.velocity_names, pelvis))
+    standing = builder.AddSystem(StandingController(law, model.velocity_names))
     command = motion.get_output_port_state()
     acceleration = controller.get_output_port_desired_acceleration()
     state = estimated_state or plant.get_state_output_port()

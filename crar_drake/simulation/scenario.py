@@ -21,8 +21,8 @@ from crar_drake.errors import ModelError, ScenarioError, nearest
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
 from crar_drake.motion.options import MotionOptions
 from crar_drake.resources import data_folder
-from crar_drake.robot.description import RobotDescription, is_path
-from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY, Task, experiment_tasks
+from crar_drake.robot.description import is_path
+from crar_drake.robot.task import EXPERIMENTS, Task, experiment_tasks
 from crar_drake.simulation.disturbances import Disturbances
 from crar_drake.simulation.moving_obstacles import MovingObstacle, check_obstacles
 from crar_drake.targets.keyframes import Keyframe
@@ -74,30 +74,10 @@ class SimulatedRobot:
 
 
 @dataclass
-class Pelvis:
-    """How far the pelvis of a robot that stands may go from where it rests."""
-
-    x: float = 0.04  # to both sides along the world's x axis [m]
-    y: float = 0.04  # and along y [m]
-    down: float = 0.06  # along z [m]
-    up: float = 0.005  # along z [m]
-
-    def box(self) -> dict[str, tuple[float, float]]:
-        """As `standing_description` takes it."""
-        return {
-            "x": (-self.x, self.x),
-            "y": (-self.y, self.y),
-            "z": (-self.down, self.up),
-        }
-
-
-@dataclass
 class Standing:
     """A robot that stands on its soles, on a floor with contact and friction."""
 
     friction: float = 0.8  # Coulomb's coefficient of the floor
-    # that sways and squats while the soles stand; None for one that rests
-    pelvis: Pelvis | None = None
 
 
 @dataclass
@@ -116,14 +96,13 @@ class Scenario:
         unit, up, facing, joints: of a motion that is no AMC, where what is inferred is
             wrong; see `motion.options.MotionOptions`.
         cutoff: of the low-pass on the motion [Hz].
-        experiment: a task set of the paper, "wrists" or "upper-body", or
-            "whole-body", which needs a robot the root of which floats; "" if `tasks`
+        experiment: a task set of the paper, "wrists" or "upper-body"; "" if `tasks`
             lists them.
         tasks: what is tracked.
         keyframes: task name to its keyframes, instead of a motion.
         controller: gains and modes.
         standing: for a robot with soles that nothing but the ground carries; legs and
-            root stay, the upper body follows. None for a root that is carried.
+            root stay, the upper body follows. None for a root that is fixed.
         simulated_robot: what the simulated plant does of its own; of a robot that
             stands, contact and effort limits are always there.
         disturbances: how the simulated robot differs from what the controller
@@ -199,11 +178,10 @@ class Scenario:
                 "give either experiment or tasks, not "
                 f"{'both' if self.experiment else 'neither'}"
             )
-        known = (*EXPERIMENTS, WHOLE_BODY)
-        if self.experiment and self.experiment not in known:
+        if self.experiment and self.experiment not in EXPERIMENTS:
             raise ScenarioError(
                 f"experiment: {self.experiment!r} is unknown"
-                f"{nearest(self.experiment, known)}"
+                f"{nearest(self.experiment, EXPERIMENTS)}"
             )
         if self.frame_rate is not None and self.keyframes:
             raise ScenarioError(
@@ -242,19 +220,6 @@ class Scenario:
         friction = standing.friction
         if not 0.0 < friction < math.inf:
             raise ScenarioError(f"standing.friction: {friction} must be positive")
-        if standing.pelvis is not None:
-            for name, value in vars(standing.pelvis).items():
-                if not 0.0 < value < 1.0:
-                    raise ScenarioError(
-                        f"standing.pelvis.{name}: {value} must be a length of some "
-                        "centimetres [m]"
-                    )
-            if self.controller.constraints != "lookahead":
-                raise ScenarioError(
-                    "standing.pelvis: that legs can follow is shown within limits of "
-                    "place and speed that constraints lookahead keep alone; leave it "
-                    "out, or use lookahead"
-                )
         if not self.plant_config.time_step > 0.0:
             raise ScenarioError(
                 "plant_config.time_step: 0: a robot that stands needs a discrete "
@@ -287,22 +252,6 @@ class Scenario:
     def to_yaml(self) -> str:
         """The scenario as YAML text, every field written out."""
         return yaml_dump_typed(self)
-
-
-def check_experiment(experiment: str, description: RobotDescription) -> None:
-    """Raises ScenarioError if the experiment follows feet and the robot has none.
-
-    Args:
-        experiment: of a scenario, "" if it lists tasks.
-    """
-    needs = ("left_foot", "right_foot", "left_knee", "right_knee")
-    missing = [point for point in needs if point not in description.task_frames]
-    if experiment == WHOLE_BODY and missing:
-        raise ScenarioError(
-            f"experiment: {WHOLE_BODY}: robot {description.name} has no feet "
-            f"({', '.join(missing)}); take {' or '.join(EXPERIMENTS)}, or a robot with "
-            "legs, imported with --whole-body"
-        )
 
 
 def check_periods(parameters: CrarParameters, time_step: float) -> None:

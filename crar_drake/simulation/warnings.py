@@ -117,7 +117,7 @@ def _of_what_is_not_examined(scenario: Scenario, model: ControlModel) -> Iterato
 
 def _of_the_rest_posture(scenario: Scenario, setup: Setup) -> Iterator[str]:
     model = setup.simulated
-    joints = model.joint_positions
+    joints = model.controlled_positions
     rest, start = model.rest_positions()[joints], setup.start_positions[joints]
     low, high = model.lower - LIMIT_TOLERANCE, model.upper + LIMIT_TOLERANCE
     beyond = [i for i in range(len(rest)) if not low[i] <= rest[i] <= high[i]]
@@ -161,7 +161,7 @@ def _of_targets_below_the_floor(scenario: Scenario, setup: Setup) -> Iterator[st
 def moves_root(scenario: Scenario, robot: RobotDescription) -> bool:
     """Whether a motion moves the robot's root, over the floor z = 0 then."""
     driven = any(by != "hold" for by in robot.prescribed_joints.values())
-    return bool(scenario.motion) and (driven or "position" in robot.prescribed_root)
+    return bool(scenario.motion) and driven
 
 
 def _unit(model: ControlModel, index: int) -> str:

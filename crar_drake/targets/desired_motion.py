@@ -16,12 +16,10 @@ class DesiredMotion:
     duration: float  # of the motion [s]
     # time [s] to [x_d; v_d; a_d] (layout.size,)
     tasks_at: Callable[[float], np.ndarray]
-    # time [s] to the prescribed joints' positions (nq_p,)
+    # time [s] to the prescribed joints' positions (n_p,)
     prescribed_at: Callable[[float], np.ndarray]
     # makes the system that emits `desired_tasks`
     MakeTaskSource: Callable[[], LeafSystem]
     # makes that of `desired_prescribed`; None without prescribed joints
     MakePrescribedSource: Callable[[], LeafSystem] | None
     performer: Performer | None = None  # of the file; None with keyframes
-    # (nq,) the whole robot at time 0; None where the motion does not tell
-    start: np.ndarray | None = None

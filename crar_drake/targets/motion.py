@@ -7,9 +7,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import BsplineTrajectory
-from scipy.spatial.transform import Rotation
 
-from crar_drake.equations.tasks import quaternion_from_rotation
 from crar_drake.errors import ScenarioError
 from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.conditioning import spline
@@ -24,25 +22,18 @@ from crar_drake.motion.retarget import (
     SegmentLengths,
     retarget,
 )
-from crar_drake.motion.turns import hip_turns
-from crar_drake.robot.description import find_body, find_frame, zero_positions
+from crar_drake.robot.description import find_frame, zero_positions
 from crar_drake.robot.model import ControlModel
 from crar_drake.targets.desired_motion import DesiredMotion
-from crar_drake.targets.sources import PoseTrajectorySource, TimeFunctionSource
+from crar_drake.targets.sources import PoseTrajectorySource
 from crar_drake.targets.ways import CarriedTrajectory, PointTrajectory, head_way
-from crar_drake.targets.whole_body import (
-    FEET,
-    HEAD,
-    KNEES,
-    WholeBodyMotion,
-    follows_legs,
-)
 
 _WAIST_AXES = ("waist.x", "waist.y", "waist.z")
 
-# What a motion gives the position of, and what the whole pose of.
-_POINTS = (*JOINT_CENTRES, *KNEES, HEAD)
-_POSES = (*HANDS, *FEET)
+HEAD = "head"
+
+# What a motion gives the position of; of HANDS it gives the whole pose.
+_POINTS = (*JOINT_CENTRES, HEAD)
 
 
 def segment_lengths(model: ControlModel) -> SegmentLengths:
@@ -99,17 +90,15 @@ def load_motion_targets(
 
     Args:
         motion: a name of `motion.catalogue`: built-in, `cmu:05_02` or a path.
-        model: the robot, with position tasks of JOINT_CENTRES, head and knees, and
-            tasks of HANDS and feet of any kind; of a robot that stands, tasks of
-            JOINT_CENTRES alone, which it follows as seen from the hips. With a foot
-            or a knee, root and joints of the whole robot are retargeted
-            (`trajectory`), else the waist's path is scaled.
+        model: the robot, with position tasks of JOINT_CENTRES and the head, and tasks
+            of HANDS of any kind; of a robot that stands, tasks of JOINT_CENTRES alone,
+            which it follows as seen from the hips.
         options: what is known of the motion beyond its file.
         cutoff: of the low-pass [Hz].
 
     Raises:
         MotionError: the motion cannot be found, read or scaled, or its skeleton
-            lacks hands, feet or a head that a task needs.
+            lacks hands or a head that a task needs.
         ScenarioError: a task is none that a motion can drive.
     """
     _check_tasks(model)
@@ -118,33 +107,12 @@ def load_motion_targets(
     performer = load_performer(motion, options)
     # A run's report alone is left to be made of it, which needs none of these.
     for_report = replace(performer, orientations={}, hands={})
-    if follows_legs(model):
-        whole = WholeBodyMotion(model, performer, cutoff)
-        return DesiredMotion(
-            whole.duration,
-            whole.tasks_at,
-            lambda time: whole.at(time)[0][model.prescribed_positions],
-            lambda: TimeFunctionSource(
-                "desired_tasks", model.layout.size, whole.tasks_at
-            ),
-            (
-                lambda: TimeFunctionSource(
-                    "desired_prescribed", model.prescribed_size, whole.prescribed_at
-                )
-            )
-            if model.n_p
-            else None,
-            for_report,
-            whole.at(0.0)[0],
-        )
     lengths = segment_lengths(model)
     retargeted = retarget(joint_centres(performer), lengths, cutoff=cutoff)
     if model.description.stands:
         retargeted = retargeted.standing_at(_waist_at_rest(model))
     tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, cutoff)
-    prescribed_at, MakePrescribedSource = _prescribed(
-        model, performer, retargeted, cutoff
-    )
+    prescribed_at, MakePrescribedSource = _prescribed(model, retargeted)
     return DesiredMotion(
         retargeted.duration,
         tasks_at,
@@ -159,12 +127,9 @@ def _check_tasks(model: ControlModel) -> None:
     """Raises ScenarioError unless a motion gives what each task tracks."""
     for task, name in zip(model.tasks, model.layout.names, strict=True):
         if task.kind == "joint":
-            if follows_legs(model):
-                continue
             raise ScenarioError(
-                f"task {name}: without a foot or a knee among the tasks a motion gives "
-                "points of a person, no joint positions; leave the joint out, or use "
-                "keyframes"
+                f"task {name}: a motion gives points of a person, no joint positions; "
+                "leave the joint out, or use keyframes"
             )
         if task.frame in HANDS:
             if task.frame not in model.description.task_frames:
@@ -174,16 +139,16 @@ def _check_tasks(model: ControlModel) -> None:
                     f"robot.yaml (import.yaml of an imported robot), x to the "
                     f"fingertips and z to the thumb's side"
                 )
-        elif task.frame not in (*_POINTS, *FEET):
+        elif task.frame not in _POINTS:
             raise ScenarioError(
                 f"task {name}: a motion has no {task.frame}; it gives positions of "
                 f"{', '.join(_POINTS)}, and position and orientation of "
-                f"{', '.join(_POSES)}; track one of these, or use keyframes"
+                f"{', '.join(HANDS)}; track one of these, or use keyframes"
             )
-        elif task.kind != "position" and task.frame not in FEET:
+        elif task.kind != "position":
             raise ScenarioError(
                 f"task {name}: a motion gives no orientation of {task.frame}, only "
-                f"of {', '.join(_POSES)}; track one of these, take kind position, or "
+                f"of {', '.join(HANDS)}; track one of these, take kind position, or "
                 f"use keyframes"
             )
         elif task.frame == HEAD and HEAD not in model.description.task_frames:
@@ -271,79 +236,15 @@ def _distance(model: ControlModel, a: str, b: str) -> float:
 
 
 def _prescribed(
-    model: ControlModel,
-    performer: Performer,
-    retargeted: RetargetedMotion,
-    cutoff: float,
+    model: ControlModel, retargeted: RetargetedMotion
 ) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem] | None]:
     """`prescribed_at` and `MakePrescribedSource` of a `DesiredMotion`."""
     if not model.n_p:
         return lambda time: np.zeros(0), None
-    if model.description.prescribed_root:
-        turns = hip_turns(performer, cutoff)
-        at = _prescribed_motion(model, turns, retargeted)
-        return (
-            lambda time: at(time)[: len(model.prescribed_positions)],
-            lambda: TimeFunctionSource("desired_prescribed", model.prescribed_size, at),
-        )
     trajectory = _prescribed_trajectory(model, retargeted)
     return (
         lambda time: trajectory.value(time).ravel(),
         lambda: TrajectorySource(trajectory, 2),
-    )
-
-
-def _prescribed_motion(
-    model: ControlModel, turns: np.ndarray, retargeted: RetargetedMotion
-) -> Callable[[float], np.ndarray]:
-    """`desired_prescribed` of a robot whose root floats, and of whose pose at least a
-    part is prescribed, as a function of time [s].
-
-    Other prescribed joints hold.
-    """
-    root = _root_way(model, turns, retargeted)
-    given = model.description.prescribed_root
-    others = model.n_p - 3 * len(given)
-    held = model.rest_positions()[model.prescribed_positions[:others]]
-    still = np.zeros(others)
-
-    def prescribed_at(time: float) -> np.ndarray:
-        R, omega, alpha = root.orientation(time)
-        of_root = {
-            "orientation": (quaternion_from_rotation(R), omega, alpha),
-            "position": root.position(time),
-        }
-        parts = [(held, still, still), *(of_root[part] for part in given)]
-        return np.concatenate(
-            [x for derivative in zip(*parts, strict=True) for x in derivative],
-            dtype=float,
-        )
-
-    return prescribed_at
-
-
-def _root_way(
-    model: ControlModel, turns: np.ndarray, retargeted: RetargetedMotion
-) -> CarriedTrajectory:
-    """Of the base of a robot whose root floats.
-
-    It is turned from where it is at rest as the performer's hips are from where they
-    face x, upright, (T, 4) `turns`; and so that the robot's waist is where the scaled
-    one is.
-    """
-    plant, description = model.plant, model.description
-    q = model.rest_positions()
-    context = model.MakeWorkspace().plant_context
-    plant.SetPositions(context, q)
-    waist = find_frame(plant, description.task_frames["waist"])
-    base = find_body(plant, description.base).body_frame()
-    p_BC = waist.CalcPose(context, base).translation()
-    at_rest = Rotation.from_matrix(description.rest_pose().rotation().matrix())
-    R_WB = Rotation.from_quat(turns) * at_rest
-    return CarriedTrajectory(
-        PointTrajectory(retargeted.waist),
-        QuaternionSpline(retargeted.time, R_WB.as_quat()),
-        -p_BC,
     )
 
 

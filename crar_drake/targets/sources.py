@@ -1,6 +1,6 @@
 """What the controller is asked to track: systems that emit `desired_tasks`."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
@@ -29,31 +29,7 @@ class PoseTrajectory(Protocol):
         """q of a joint [rad or m], its velocity and its acceleration at `time`."""
 
 
-class TimeFunctionSource(LeafSystem):
-    """Emits a function of time.
-
-    Output port: the system's name, (size,).
-    """
-
-    def __init__(
-        self, name: str, size: int, function: Callable[[float], np.ndarray]
-    ) -> None:
-        """
-        Args:
-            name: of the system and its port.
-            size: of the vector.
-            function: of the time [s], to (size,).
-        """
-        super().__init__()
-        self.set_name(name)
-        self._function = function
-        self.DeclareVectorOutputPort(name, size, self._Calc, {self.time_ticket()})
-
-    def _Calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._function(context.get_time()))
-
-
-class PoseTrajectorySource(TimeFunctionSource):
+class PoseTrajectorySource(LeafSystem):
     """Emits [x_d; v_d; a_d] of tasks of any kind along keyframes or a motion.
 
     Drake's TrajectorySource serves position tasks; it has no derivatives for
@@ -83,7 +59,11 @@ class PoseTrajectorySource(TimeFunctionSource):
         self._trajectories = [trajectories[name] for name in layout.names]
         self._kinds = list(zip(self._trajectories, layout.kinds, strict=True))
         self.duration = max(t.end for t in self._trajectories)
-        super().__init__("desired_tasks", layout.size, self.at)
+        super().__init__()
+        self.set_name("desired_tasks")
+        self.DeclareVectorOutputPort(
+            "desired_tasks", layout.size, self._Calc, {self.time_ticket()}
+        )
 
     def at(self, time: float) -> np.ndarray:
         """[x_d; v_d; a_d] (layout.size,) at `time` [s]."""
@@ -102,3 +82,6 @@ class PoseTrajectorySource(TimeFunctionSource):
         for i, (way, row) in enumerate(zip(joints, layout.joint_rows, strict=True)):
             q[i], v[row], a[row] = way.joint(time)
         return layout.pack(R, p, v, a, q)
+
+    def _Calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.at(context.get_time()))

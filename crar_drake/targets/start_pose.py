@@ -48,7 +48,7 @@ def solve_start_pose(
     Args:
         model: the robot and its tasks.
         tasks: (layout.size,) [x_d; v_d; a_d] of the first instant.
-        prescribed: (nq_p,) positions of the prescribed joints.
+        prescribed: (n_p,) positions of the prescribed joints.
     """
     workspace = model.MakeWorkspace()
     zero = np.zeros(model.plant.num_velocities())
@@ -70,7 +70,6 @@ def solve_start_pose(
     least_distance = np.minimum(at_rest, _MARGIN_DISTANCE)
     lower = np.minimum(model.lower + _MARGIN_LIMIT, state.q)
     upper = np.maximum(model.upper - _MARGIN_LIMIT, state.q)
-    within = lower[: model.num_joints], upper[: model.num_joints]
     for _ in range(_ITERATIONS):
         step = start_step(
             state.q,
@@ -86,8 +85,8 @@ def solve_start_pose(
         step = _kept_apart(step, state, least_distance)
         for share in (1.0, 0.5, 0.25, 0.1, 0.02):
             trial = model.moved(q, share * step)
-            joints = model.joint_positions
-            trial[joints] = np.clip(trial[joints], *within)
+            joints = model.controlled_positions
+            trial[joints] = np.clip(trial[joints], lower, upper)
             trial_state, trial_error = at(trial)
             valid = (trial_state.d >= least_distance).all()
             if valid and trial_error @ trial_error < error @ error:

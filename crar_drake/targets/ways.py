@@ -34,8 +34,7 @@ class PointTrajectory:
 
 
 class CarriedTrajectory:
-    """The way of a frame H that turns about a point C: a hand about its wrist, the root
-    about the waist.
+    """The way of a frame H that turns about a point C: of a hand about its wrist.
 
     Its position is p_WH = p_WC + R_WH p_CH_H.
     """

@@ -30,11 +30,10 @@ class FollowedRobot:
     ) -> None:
         """
         Args:
-            names: (nq,) of the positions of a command. Those that stand there more
-                than once, of a root that floats, are not compared.
+            names: (nq,) of the positions of a command.
             latency, most: see the attributes.
         """
-        self._at = {n: i for i, n in enumerate(names) if list(names).count(n) == 1}
+        self._at = {name: i for i, name in enumerate(names)}
         self.latency, self.most = latency, most
         self.heard, self.positions = -math.inf, {}
         self.error, self.joint = math.nan, None

@@ -204,7 +204,7 @@ def start_positions(model: ControlModel, start: Mapping[str, float]) -> np.ndarr
                 f"{nearest(joint, dict.fromkeys(names))}"
             )
         q[names.index(joint)] = position
-    at, lower, upper = q[model.joint_positions], model.lower, model.upper
+    at, lower, upper = q[model.controlled_positions], model.lower, model.upper
     beyond = np.flatnonzero(
         ~((at >= lower - LIMIT_TOLERANCE) & (at <= upper + LIMIT_TOLERANCE))
     )

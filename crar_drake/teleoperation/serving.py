@@ -13,7 +13,7 @@ from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.standing import standing_description
-from crar_drake.simulation.scenario import check_experiment, load_scenario
+from crar_drake.simulation.scenario import load_scenario
 from crar_drake.teleoperation.filtered_motion import FilteredMotion
 from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer, listen
@@ -148,7 +148,6 @@ def _make_motion(
     description = load_robot_description(robot or loaded.robot)
     if loaded.standing is not None:
         description = standing_description(description)
-    check_experiment(loaded.experiment, description)
     model = ControlModel.FromDescription(
         description,
         loaded.task_list(),

@@ -13,7 +13,6 @@ import numpy as np
 
 from crar_drake.equations.admission import reaching, travel
 from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.nearby import bounds_of_some, nearby_distances
 from crar_drake.robot.model import ControlModel
 from crar_drake.trajectory.distance_rows import configurations
@@ -96,7 +95,7 @@ def bounds_between(
     for k in range(len(bounds)):
         start, x = q[k], q[k + 1] - q[k]
         nearest = min(d[k].min(), d[k + 1].min())
-        reach = reaching(start, x, np.zeros(len(x)), reaches, PLAIN)
+        reach = reaching(start, x, np.zeros(len(x)), reaches)
         low = 0.5 * (d[k] + d[k + 1] - travel(x, reach))
         slack, failed, shown = _FIRST_SLACK, 0.0, np.inf
         while slack < _LARGEST_SLACK and shown - failed > _FIRST_SLACK:

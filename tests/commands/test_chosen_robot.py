@@ -4,9 +4,10 @@ import shutil
 from pathlib import Path
 
 import pytest
+from small_walker import walker
 
 from crar_drake.commands import main
-from crar_drake.errors import ScenarioError
+from crar_drake.errors import ModelError
 from crar_drake.resources import data_folder
 from crar_drake.results.log import SimulationLog
 from crar_drake.simulation.diagram import PrepareScenario
@@ -65,12 +66,15 @@ def test_a_persons_motion_is_no_scenario(empty_folder, capsys):
     assert "give it as --motion walk.bvh" in told
 
 
-def test_a_robot_without_legs_cannot_follow_a_whole_body(capsys):
-    told = refused(capsys, "run", "--experiment", "whole-body")
-    assert "robot upper_body has no feet (left_foot" in told
-    assert "or a robot with legs" in told
-    assert "upper-body" in told
-    with pytest.raises(ScenarioError, match="has no feet"):
-        PrepareScenario(Scenario(motion="dance", experiment="whole-body"))
-    with pytest.raises(ScenarioError, match="has no feet"):
-        make_server("dance", experiment="whole-body", port=0)
+def test_a_base_that_floats_is_refused_where_the_law_moves_it(empty_folder, capsys):
+    """By its name, and with what to do instead."""
+    (empty_folder / "mine").mkdir()
+    walker(empty_folder / "mine")
+    told = refused(capsys, "run", "--robot", "mine")
+    assert "root: prescribed: its base 'pelvis' floats" in told
+    assert "root: fixed" in told and "crar-drake retarget" in told
+    with pytest.raises(ModelError, match="'pelvis' floats"):
+        PrepareScenario(Scenario(robot="mine", motion="dance", experiment="wrists"))
+    for joints in (False, True):
+        with pytest.raises(ModelError, match="'pelvis' floats"):
+            make_server("dance", robot="mine", joints=joints, port=0)

@@ -525,7 +525,7 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run --level x", "'x' is unknown; known are acceleration, velocity"),
         ("run --experiment wrist", "did you mean 'wrists'?"),
         ("run --constraints lookahed", "did you mean 'lookahead'?"),
-        ("run --experiment whole-body", "robot upper_body has no feet"),
+        ("run --experiment whole-body", "'whole-body' is unknown"),
         ("run --robot nobody", "no robot 'nobody'"),
         ("run --duration -1", "--duration: '-1' is not a positive number"),
         ("run --duration nan", "--duration: 'nan' is not a positive number"),
@@ -658,6 +658,10 @@ def test_what_an_import_says_comes_next_works(urdf, options, empty_folder, capsy
     assert main(["import-robot", "small.urdf", "--out", "mine", *options]) == 0
     following = capsys.readouterr().out.splitlines()[-1]
     command = following.partition(", then crar-drake ")[2].split()
+    if options:
+        assert command[:4] == ["retarget", "dance", "--robot", "mine"]
+        assert main(command) in (0, 1) and Path("dance.csv").is_file()
+        return
     assert command[:3] == ["run", "--robot", "mine"]
     assert main([*command, "--duration", "0.1", "--no-recording"]) in (0, 1)
     assert "mine following dance" in capsys.readouterr().out

@@ -186,7 +186,7 @@ def judge(log: SimulationLog) -> None:
             "HTTP at 999.1.1.1:7680: .*; --host must",
         ),
         (["--host", "192.0.2.1"], "--host must be an address of this computer"),
-        (["--experiment", "whole-body"], "whole-body: robot upper_body has no feet"),
+        (["--experiment", "whole-body"], "'whole-body' is unknown"),
     ],
 )
 def test_what_cannot_be_played(capsys, arguments, why):

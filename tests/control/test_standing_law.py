@@ -14,7 +14,6 @@ from crar_drake.control.standing_controller import StandingController
 from crar_drake.control.standing_law import StandingGains, StandingLaw, StandingStep
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import add_robot
-from crar_drake.robot.moving_pelvis import SLIDES
 from crar_drake.robot.standing import standing_description
 
 FRICTION = 0.7
@@ -205,33 +204,6 @@ def test_the_system_finds_joints_by_name(law) -> None:
     np.testing.assert_allclose(efforts[0], efforts[1], atol=1e-9)
     with pytest.raises(ModelError, match="lacks elbow"):
         StandingController(law, [x for x in law.joint_names if x != "elbow"])
-
-
-def test_a_root_that_is_to_move_does_so_on_soles_that_stay(law, tmp_path) -> None:
-    """From where it is at rest: soles do not accelerate, the root does as commanded."""
-    box = {"x": (-0.04, 0.04), "y": (-0.03, 0.03), "z": (-0.06, 0.005)}
-    standing = standing_description(standing_robot(tmp_path), box)
-    names = [*SLIDES, *law.joint_names]
-    system = StandingController(law, names, standing.pelvis)
-    context = system.CreateDefaultContext()
-    state = np.concatenate((law.rest, np.zeros(law.plant.num_velocities())))
-    n, wanted = len(names), np.array([0.05, -0.03, -0.4])
-    q, a = np.concatenate((np.zeros(3), law.rest[7:])), np.zeros(n)
-    a[:3] = wanted
-    system.get_input_port_estimated_state().FixValue(context, state)
-    command = np.concatenate((q, np.zeros(n)))
-    system.get_input_port_commanded_state().FixValue(context, command)
-    system.get_input_port_commanded_acceleration().FixValue(context, a)
-    found = system.get_output_port_acceleration().Eval(context)
-    np.testing.assert_allclose(found[3:6], wanted, atol=0.02)
-    np.testing.assert_allclose(found[:3], 0.0, atol=0.02)
-    plant = law.plant
-    of_plant = plant.CreateDefaultContext()
-    plant.SetPositionsAndVelocities(of_plant, state)
-    moved = plant.CalcSpatialAccelerationsFromVdot(of_plant, found)
-    for foot in ("left_foot", "right_foot"):
-        of_foot = moved[int(plant.GetBodyByName(foot).index())].get_coeffs()
-        np.testing.assert_allclose(of_foot, 0.0, atol=1e-6)
 
 
 def test_a_root_that_is_welded_is_told(tmp_path) -> None:

@@ -6,7 +6,6 @@ the gradient of each distance, by Drake's own kinematics.
 
 import numpy as np
 import pytest
-from floating_robots import on_six_joints
 from moving_shapes import MovingShapes, shapes_of_every_joint
 from pydrake.systems.framework import DiagramBuilder
 from small_robots import LINK, add_plant, chain_urdf, make_model
@@ -15,7 +14,7 @@ from crar_drake import position_tasks
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.tracking_error import distance_losses, joint_errors
+from crar_drake.control.tracking_error import distance_losses
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
@@ -236,11 +235,3 @@ def test_a_slide_without_limits_is_refused_if_what_carries_it_errs():
     with pytest.raises(ScenarioError, match="joint j1 slides without limits"):
         law_of(model, tracking_error=0.01)
     law_of(model, tracking_errors={"j1": 0.01, "j2": 0.01})  # nor do these carry it
-
-
-def test_joints_err_whatever_they_are_called():
-    """A robot's own joints may have the names of the slides of a pelvis."""
-    model = on_six_joints()
-    assert {"base_x", "base_y", "base_z"} < set(model.velocity_names)
-    errors = joint_errors(LookaheadParameters(tracking_error=0.01), model)
-    np.testing.assert_array_equal(errors, 0.01)

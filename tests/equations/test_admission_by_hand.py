@@ -31,7 +31,6 @@ from crar_drake.equations.admission import (
     scale_step,
 )
 from crar_drake.equations.compilation import hold
-from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.lookahead_guard import SPARE, admit, correction
 from crar_drake.equations.lookahead_rows import (
     Constraints,
@@ -341,7 +340,7 @@ def test_a_correction_leads_to_the_level_and_some(ball, step, n, seed) -> None:
     at, change = checked.bounds.at[0], 1e-7 * np.eye(2)
 
     def there(s) -> np.ndarray:
-        start, x = next_path(q, v, s, T, PERIOD, step, PLAIN)
+        start, x = next_path(q, v, s, T, PERIOD, step)
         return distance(start + at * x)
 
     slope = np.array([(there(s + x) - there(s - x)) / 2e-7 for x in change])

@@ -1,5 +1,7 @@
 """(B1)-(B6): wrenches, the ground's cone, and their bounds on braking paths."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable
@@ -20,7 +22,6 @@ from crar_drake.equations.compilation import hold
 from crar_drake.equations.wrenches import wrench_slopes, wrenches
 from crar_drake.errors import ModelError
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.moving_pelvis import SLIDES, WholeCommand
 from crar_drake.robot.soles import find_masses, ground_cone, shrunk, sole_corners
 from crar_drake.robot.standing import standing_description
 
@@ -30,9 +31,8 @@ T, PERIOD = 0.1, 0.01
 class Standing:
     """A robot of the tests that stands, and Drake's own of it."""
 
-    def __init__(self, folder, box):
-        description = standing_description(standing_robot(folder), box)
-        self.pelvis = description.pelvis
+    def __init__(self, description):
+        description = standing_description(description)
         self.model = ControlModel.FromDescription(description, [], time_step=0.0)
         self.masses = find_masses(self.model)
         self.soles = sole_corners(self.model, description.soles)
@@ -40,21 +40,12 @@ class Standing:
         self.plant = self.model.plant
         self.context = self.plant.CreateDefaultContext()
         self.weight = self.masses.mass.sum() * self.masses.g
-        names = self.model.velocity_names
-        self.command = WholeCommand(self.pelvis, names)
-        self.slides = [names.index(name) for name in SLIDES if name in names]
 
     def state(self, rng, fast=1.0):
-        """Positions, velocities and accelerations, legs at rest; a base that moves may
-        brake within its box."""
+        """Positions, velocities and accelerations, legs at rest."""
         q = self.model.rest_positions()
         v, a = np.zeros((2, self.plant.num_velocities()))
-        at = [j for j in self.model.controlled if j not in self.slides]
-        if self.slides:
-            half, way = self.pelvis.half, 0.15 * min(fast, 1.0)
-            q[self.slides] = self.pelvis.middle + half * rng.uniform(-0.8, 0.8, 3)
-            v[self.slides] = way * half * rng.uniform(-1.0, 1.0, 3) / T
-            a[self.slides] = rng.uniform(-2.0, 2.0, 3)
+        at = self.model.controlled
         q[at] += rng.normal(0.0, 0.4, len(at))
         v[at] = rng.normal(0.0, fast, len(at))
         a[at] = rng.normal(0.0, 10.0 * fast, len(at))
@@ -63,7 +54,6 @@ class Standing:
     def asked(self, q, v, a):
         """(6,) what Newton and Euler ask of the ground, by Drake's accelerations."""
         plant, context = self.plant, self.context
-        q, v, a = self.command(q, v, a)[0]  # with legs that follow
         plant.SetPositions(context, q)
         plant.SetVelocities(context, v)
         W = plant.world_frame()
@@ -100,11 +90,15 @@ class Standing:
         )  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=["still", "sways"])
+@pytest.fixture(scope="module", params=["revolute", "prismatic"])
 def robot(request, tmp_path_factory) -> Standing:
-    box = {"x": (-0.04, 0.04), "y": (-0.03, 0.03), "z": (-0.06, 0.005)}
-    folder = tmp_path_factory.mktemp("robot") / "stander"
-    return Standing(folder, box if request.param == "sways" else None)
+    """With an elbow that turns, or slides."""
+    description = standing_robot(tmp_path_factory.mktemp("robot") / "stander")
+    model = Path(description.folder) / description.model
+    elbow = '<joint name="elbow" type='
+    text = model.read_text().replace(f'{elbow}"revolute"', f'{elbow}"{request.param}"')
+    model.write_text(text)
+    return Standing(description)
 
 
 def test_wrenches_are_newtons_and_eulers(robot):

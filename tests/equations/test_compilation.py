@@ -17,7 +17,7 @@ import pytest
 import crar_drake
 from crar_drake.equations import compilation
 from crar_drake.equations.compilation import IS_COMPILED
-from crar_drake.equations.free_joints import quaternion_product
+from crar_drake.equations.quaternions import quaternion_product
 
 # A function that calls others.
 _CALL = """
@@ -25,7 +25,7 @@ import json
 import numba
 import numpy as np
 import crar_drake
-from crar_drake.equations.free_joints import quaternion_product
+from crar_drake.equations.quaternions import quaternion_product
 from crar_drake.equations.vectors import cross, dot
 
 turned = quaternion_product(np.array([0.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1, 0]))

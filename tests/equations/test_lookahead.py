@@ -13,7 +13,6 @@ from one_sided_least_squares import (
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
-from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.joint_limits import limit_gradient, limit_potential
 from crar_drake.equations.lookahead_guard import (
     damped_gram,
@@ -752,7 +751,7 @@ def test_resting_point_never_leaves_the_box(seed: int) -> None:
     for step in range(1000):
         if step % 100 == 0:
             v_r = rng.choice([-20.0, 20.0], size=n)
-        q_s = resting_configuration(q, qdot, T, PLAIN)
+        q_s = resting_configuration(q, qdot, T)
         assert (q_s > lower).all() and (q_s < upper).all()
         assert (q > lower).all() and (q < upper).all()
         solution = solve(J, v_r, GV * (v_r - qdot), qdot, limit_rows(lower, upper, q_s))
@@ -907,7 +906,7 @@ def test_braking_comes_to_rest_at_the_resting_configuration() -> None:
         atol=1e-12,
     )
     np.testing.assert_allclose(
-        resting_configuration(q, qdot, T, PLAIN), run.y[:2, -1], atol=1e-8
+        resting_configuration(q, qdot, T), run.y[:2, -1], atol=1e-8
     )
 
 
@@ -916,7 +915,7 @@ def test_resting_velocity_is_the_resting_configurations_derivative() -> None:
     a, t, step = np.array([2.0, 5.0]), 0.4, 1e-6
 
     def q_s(t: float) -> np.ndarray:
-        return resting_configuration(np.sin(a * t), a * np.cos(a * t), T, PLAIN)
+        return resting_configuration(np.sin(a * t), a * np.cos(a * t), T)
 
     np.testing.assert_allclose(
         resting_velocity(a * np.cos(a * t), -(a**2) * np.sin(a * t), T),
@@ -934,7 +933,7 @@ def test_pair_margins_are_the_distance_at_rest_and_its_forecast() -> None:
     def distances(q: np.ndarray) -> np.ndarray:
         return np.linalg.norm(q - posts, axis=1)
 
-    q_s = resting_configuration(q, v, T, PLAIN)
+    q_s = resting_configuration(q, v, T)
     d = np.array([distances(q), distances(q_s)])
     dd_dv = np.array([(at - posts) / distances(at)[:, None] for at in (q, q_s)])
     rate = (distances(q + step * v) - distances(q - step * v)) / (2.0 * step)

@@ -9,7 +9,6 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.admission import AS_NOMINAL, SCALED
-from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead_rows import with_resting
 from crar_drake.equations.prediction import next_state
@@ -55,7 +54,7 @@ class OnARail:
 
     def next_path(self, q, v, vdot) -> tuple[np.ndarray, np.ndarray]:
         """Where it begins and ends, in the plant's order."""
-        q, v = next_state(q, v, vdot, PERIOD, STEP, PLAIN)
+        q, v = next_state(q, v, vdot, PERIOD, STEP)
         return q, q + self.T * v
 
     def least(self, start, end, samples: int = 200) -> float:

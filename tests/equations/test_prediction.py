@@ -7,7 +7,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from small_robots import add_plant, chain_urdf
 
-from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.prediction import next_state, state_ahead
 
 Q, V = np.array([0.3, -0.4, 0.8]), np.array([1.0, -2.0, 3.0])
@@ -45,7 +44,7 @@ def advance(plant_step: float, steps: int, duration: float):
 @pytest.mark.parametrize("period", [1e-3, 5e-3, 10e-3, 20e-3])
 def test_a_discrete_plant_is_there_after_a_period(period):
     q, v = advance(1e-3, round(period / 1e-3), period)
-    q_next, v_next = next_state(Q, V, A, period, 1e-3, PLAIN)
+    q_next, v_next = next_state(Q, V, A, period, 1e-3)
     np.testing.assert_allclose(q_next, q, atol=1e-12)
     np.testing.assert_allclose(v_next, v, atol=1e-11)
     # A single step of the period's length would go elsewhere.
@@ -56,7 +55,7 @@ def test_a_discrete_plant_is_there_after_a_period(period):
 def test_a_continuous_plant_is_there_after_a_period():
     """The parabola, the nearer the more often the torque is computed."""
     period = 5e-3
-    predicted = np.concatenate(next_state(Q, V, A, period, 0.0, PLAIN))
+    predicted = np.concatenate(next_state(Q, V, A, period, 0.0))
     far, near = (
         np.abs(np.concatenate(advance(0.0, steps, period)) - predicted).max()
         for steps in (20, 80)
@@ -68,19 +67,17 @@ def test_a_continuous_plant_is_there_after_a_period():
 @pytest.mark.parametrize("plant_step", [1e-3, 2e-3])
 def test_a_plant_that_steps_with_the_controller_to_the_last_bit(plant_step):
     """Also where its step is longer than the period, and so counts as the period."""
-    q, v = next_state(Q, V, A, 1e-3, plant_step, PLAIN)
+    q, v = next_state(Q, V, A, 1e-3, plant_step)
     np.testing.assert_array_equal(v, V + 1e-3 * A)
     np.testing.assert_array_equal(q, Q + 1e-3 * v)
 
 
 def test_the_state_ahead_is_in_the_plants_order():
-    """Whatever order the equations have; a free joint has one position more."""
+    """Whatever order the equations have."""
     rng = np.random.default_rng(5)
-    positions, order = np.array([7, 8, *range(7)]), np.array([6, 7, *range(6)])
-    q, v, a = rng.normal(size=9), rng.normal(size=8), rng.normal(size=8)
-    q_next, v_next = next_state(q[positions], v[order], a[order], 4e-3, 1e-3, 2)
-    found = state_ahead(q, v, a, 4e-3, 1e-3, positions, order, 2)
-    np.testing.assert_array_equal(found[:9][positions], q_next)
-    np.testing.assert_array_equal(found[9:][order], v_next)
-    # Joints as such lead where they do by themselves.
-    np.testing.assert_allclose(found[7:9], q[7:] + 4e-3 * v[6:] + 1e-5 * a[6:])
+    positions, order = np.array([6, 7, *range(6)]), rng.permutation(8)
+    q, v, a = rng.normal(size=(3, 8))
+    q_next, v_next = next_state(q[positions], v[order], a[order], 4e-3, 1e-3)
+    found = state_ahead(q, v, a, 4e-3, 1e-3, positions, order)
+    np.testing.assert_array_equal(found[:8][positions], q_next)
+    np.testing.assert_array_equal(found[8:][order], v_next)

@@ -9,7 +9,6 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from crar_drake.equations.blending import blend_tasks
-from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.kinematics import State
 from crar_drake.equations.references import (
     BlendStart,
@@ -122,7 +121,6 @@ def test_references_are_put_together_row_by_row(blending, weighted, posture):
             step,
         ),
         layout.rows,
-        PLAIN,
         TaskGains(K, Kp, Kv, stiffness, S if weighted else np.zeros(0)),
     )
 

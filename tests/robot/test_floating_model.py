@@ -5,7 +5,6 @@ import pytest
 from floating_robots import (
     HANDS,
     PAIRS,
-    WORLD_PAIR,
     add_floater,
     description,
     floating_urdf,
@@ -15,21 +14,18 @@ from floating_robots import (
     wxyz,
 )
 from pydrake.geometry import SceneGraph
-from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import (
     JacobianWrtVariable,
-    MultibodyForces,
+    QuaternionFloatingJoint,
+    RevoluteJoint,
     SpatialInertia,
 )
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations.admission import path_bounds
-from crar_drake.equations.compilation import hold
-from crar_drake.equations.free_joints import displaced
+from crar_drake.control.safety_filter import SafetyFilter
 from crar_drake.errors import ModelError
 from crar_drake.judging.referee import Referee
 from crar_drake.robot.description import (
@@ -38,7 +34,6 @@ from crar_drake.robot.description import (
     load_robot_description,
 )
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.reach import find_reaches
 from crar_drake.robot.task import Task
 
 TASKS = (Task(frame="left_hand", kind="pose"), Task(frame="right_hand"))
@@ -101,7 +96,13 @@ def test_distances_are_the_referees_and_their_gradients_differences(
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
 
     def apart(x: np.ndarray) -> np.ndarray:
-        (moved,) = model.in_plant(displaced(*model.in_order(q), x, model.turn))
+        by = np.empty(nv)
+        by[model.order] = x
+        moved, (at, of_root) = q.copy(), root_entries(model)
+        turn = Rotation.from_rotvec(by[of_root[:3]])
+        moved[at[:4]] = wxyz(turn * Rotation.from_quat(q[at[:4]], scalar_first=True))
+        moved[at[4:]] += by[of_root[3:]]
+        moved[model.controlled_positions] += by[model.controlled]
         return referee.distances(moved)
 
     found = model.evaluate_distances(workspace, q)
@@ -115,42 +116,6 @@ def test_distances_are_the_referees_and_their_gradients_differences(
     assert np.abs(found.dd_dq_p[len(PAIRS)]).max() > 0.1
 
 
-@pytest.mark.parametrize("attitude", ATTITUDES)
-def test_torque_and_root_force_realise_the_accelerations(
-    model: ControlModel, attitude: Rotation
-) -> None:
-    """In Drake's own forward dynamics, with the force on the root as a wrench."""
-    q, v = state_at(model, attitude)
-    vdot = np.random.default_rng(4).normal(size=len(v))
-    workspace = model.MakeWorkspace()
-    model.evaluate(workspace, q, v)
-    torque = model.inverse_dynamics(workspace, vdot)
-    force = model.root_force(workspace, vdot)
-    plant, context = model.plant, model.plant.CreateDefaultContext()
-    plant.SetPositions(context, q)
-    plant.SetVelocities(context, v)
-    by = root_entries(model)[1]
-    np.testing.assert_array_equal(np.delete(force, by), 0.0)
-    forces = MultibodyForces(plant)
-    plant.CalcForceElementsContribution(context, forces)
-    body = plant.GetBodyByName("body")
-    p_BoBq_B = np.zeros(3)
-    body.AddInForce(
-        context,
-        p_BoBq_B,
-        SpatialForce(force[by[:3]], force[by[3:]]),
-        plant.world_frame(),
-        forces,
-    )
-    tau = plant.MakeActuationMatrix() @ torque + plant.CalcGeneralizedForces(
-        context, forces
-    )
-    M, C = plant.CalcMassMatrix(context), plant.CalcBiasTerm(context)
-    damping = 1e-3 * 0.02 * np.isin(np.arange(len(v)), model.controlled)
-    found = np.linalg.solve(M + np.diag(damping), tau - C)
-    np.testing.assert_allclose(found, vdot, atol=1e-9)
-
-
 def test_the_order_of_the_vectors(model: ControlModel) -> None:
     at, by = root_entries(model)
     suffixes = ["qw", "qx", "qy", "qz", "x", "y", "z"]
@@ -161,49 +126,11 @@ def test_the_order_of_the_vectors(model: ControlModel) -> None:
         f"{side}_j{k}" for side in ("left", "right") for k in range(3)
     ]
     q = model.rest_positions()
-    rest = model.prescribed_at(q)
-    assert rest.shape == (model.prescribed_size,) == (19,)
-    np.testing.assert_allclose(rest[4:7], [0.1, -0.2, 0.3], atol=0)
+    np.testing.assert_allclose(q[at[4:]], [0.1, -0.2, 0.3], atol=0)
     plant, _ = add_floater(DiagramBuilder())
     np.testing.assert_allclose(plant.GetDefaultPositions(), q, atol=1e-15)
     moved = np.arange(13.0)
     np.testing.assert_array_equal(model.in_plant(*model.in_order(moved))[0], moved)
-
-
-def test_bounds_hold_on_ways_of_a_free_root_past_the_world(model: ControlModel) -> None:
-    """(A5) against the referee, along ways of constant velocity; the root tumbles."""
-    plant = model.plant
-    reaches = find_reaches(
-        model.joints,
-        model.pairs,
-        model.order,
-        plant.GetPositionLowerLimits(),
-        plant.GetPositionUpperLimits(),
-    )
-    referee = Referee(plant, model.scene_graph, model.description.pairs)
-    robot, rng = model.robot_ahead.value, np.random.default_rng(9)
-    count, tight = len(model.description.pairs), []
-    for seed in range(60):
-        q, v = random_state(model, seed)
-        (start,) = model.in_order(q)
-        x = v[model.order] * rng.choice([0.02, 0.1, 0.3])
-        level = rng.uniform(0.0, 0.3, count)
-        asked = np.ones(count, dtype=bool)
-        bounds = path_bounds(start, x, 0.0 * x, level, asked, robot, hold(reaches))
-        ways = [displaced(start, t * x, model.turn) for t in np.linspace(0.0, 1.0, 41)]
-        d = np.array([referee.distances(model.in_plant(way)[0]) for way in ways])
-        smallest = d.min(axis=0)
-        clear = bounds.at < 0.0
-        assert (smallest[clear] >= bounds.low[clear] - 1e-12).all()
-        assert (bounds.low[clear] >= level[clear] - 1e-12).all()
-        assert (smallest >= level - 1e-12)[clear].all()
-        if clear[-1]:
-            tight.append(smallest[-1] - bounds.low[-1])
-        # And what moves is what the reaches say, at most.
-        travelled = np.abs(x) @ reaches.farthest
-        assert (np.abs(d[-1] - d[0]) <= travelled + 1e-12).all()
-    assert len(tight) > 10
-    assert WORLD_PAIR == model.description.pairs[-1]
 
 
 def loose_plant() -> tuple[MultibodyPlant, SceneGraph]:
@@ -215,7 +142,7 @@ def loose_plant() -> tuple[MultibodyPlant, SceneGraph]:
 
 
 def test_a_base_that_floats_needs_a_word_on_what_moves_it() -> None:
-    with pytest.raises(ModelError, match="'torso'.*base: torso and root: prescribed"):
+    with pytest.raises(ModelError, match="'torso'.*base: torso and root: fixed"):
         ControlModel.FromPlant(*loose_plant(), RobotDescription(), [Task(frame="x")])
     with pytest.raises(ModelError, match="no joint left to control"):
         ControlModel.FromPlant(
@@ -267,7 +194,23 @@ def test_a_fixed_root_is_welded_where_it_rests(tmp_path) -> None:
     np.testing.assert_allclose(poses[0], poses[1], atol=1e-15)
 
 
-def test_velocity_and_effort_limits_leave_the_root_alone(model: ControlModel) -> None:
-    law = ControlLaw(model, CrarParameters())
-    np.testing.assert_array_equal(law.speed_limits[model.prescribed], np.inf)
-    assert law.effort_limits.shape == (6,)
+def test_no_law_takes_it(model: ControlModel) -> None:
+    told = "root: prescribed: its base 'body' floats.*Weld it.*retarget"
+    with pytest.raises(ModelError, match=told):
+        ControlLaw(model)
+    for robot in (model, model.description):
+        with pytest.raises(ModelError, match=told):
+            SafetyFilter(robot)
+
+
+def test_a_base_floats_on_the_world_alone() -> None:
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
+    inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
+    arm, ball = (plant.AddRigidBody(name, inertia) for name in ("arm", "ball"))
+    frames = plant.world_frame(), arm.body_frame(), ball.body_frame()
+    plant.AddJoint(RevoluteJoint("turn", *frames[:2], [0, 0, 1]))
+    plant.AddJoint(QuaternionFloatingJoint("float", *frames[1:]))
+    plant.Finalize()
+    robot = RobotDescription(base="ball", root="prescribed")
+    with pytest.raises(ModelError, match="'ball' floats on 'arm'"):
+        ControlModel.FromPlant(plant, scene_graph, robot, [Task(frame="arm")])

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floating_robots import make_floater
-from floating_robots import random_state as random_floating_state
 from grounded_robots import SPHERE, add_ground, grounded
 from pydrake.geometry import Box, Capsule, HalfSpace
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -13,10 +11,6 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.systems.framework import DiagramBuilder
 from small_robots import CAPSULE, add_plant, chain_urdf, random_state
 
-from crar_drake.control.law import ControlLaw
-from crar_drake.control.lookahead_parameters import LookaheadParameters
-from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.records import STATUS_IMPLAUSIBLE
 from crar_drake.drake_warnings import collected_warnings
 from crar_drake.errors import ModelError
 from crar_drake.judging.referee import Referee
@@ -120,43 +114,6 @@ def test_the_referee_knows_the_ground() -> None:
         assert nearest == d.min() and list(pair) == PAIRS[int(d.argmin())]
         below = referee.distances_below(q, d.min() + 1e-6)
         assert below[int(d.argmin())] == d.min()
-
-
-@pytest.mark.parametrize(
-    ("seed", "preview"),
-    [*((k, None) for k in range(4)), (1, 0.2), (9, 0.2), (14, 0.15)],
-)
-def test_a_floating_robot_reaches_below_and_stays_above(seed, preview) -> None:
-    """Others turn and move its root, and its hands' targets sink far into the ground:
-    its links keep the floor of 4 mm, by the referee. Its joints have no speed limits:
-    with a long preview they would be faster than the law believes."""
-    pairs = [["left_l2", "ground"], ["right_l2", "ground"], ["right_l1", "ground"]]
-    model = make_floater(ground=-0.35, pairs=pairs)
-    plant, period = model.plant, 0.01
-    context, step = plant.CreateDefaultContext(), plant.time_step()
-    referee = Referee(plant, model.scene_graph, pairs)
-    ahead = LookaheadParameters(preview=preview)
-    gains = CrarParameters(period=period, blend_time=0.0, lookahead=ahead)
-    law = ControlLaw(model, gains)
-    rng = np.random.default_rng(seed)
-    q, v = random_floating_state(model, seed)
-    v[:] = 0.0
-    root, near = model.prescribed_positions[-7:], []
-    q[root[-1]] += 0.02 - referee.distances(q).min()
-    target = model.layout.unpack(model.tasks_at(q)).p.ravel()
-    for _ in range(60):
-        target = target + 0.03 * rng.normal(size=6) - np.tile([0.0, 0.0, 0.03], 2)
-        asked = np.concatenate([q[root], 0.5 * rng.normal(size=6), np.zeros(6)])
-        found = law.step(q, v, np.concatenate([target, np.zeros(12)]), asked)
-        assert found.status[0] != STATUS_IMPLAUSIBLE
-        for _ in range(round(period / step)):
-            v = v + step * found.acceleration
-            plant.SetPositions(context, q)
-            q = q + step * plant.MapVelocityToQDot(context, v)
-        near.append(referee.distances(q).min())
-    # The root's turns are known up to the third order in a period:
-    # docs/theory/theorem.md.
-    assert 0.004 - 1e-4 <= min(near) < 0.02
 
 
 def test_a_description_brings_the_ground() -> None:

@@ -15,7 +15,7 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.run import run_scenario
 from crar_drake.simulation.disturbances import Disturbances, Push
-from crar_drake.simulation.scenario import Pelvis, Scenario, Standing, parse_scenario
+from crar_drake.simulation.scenario import Scenario, Standing, parse_scenario
 from crar_drake.targets.keyframes import Keyframe
 
 
@@ -72,37 +72,6 @@ def moved(folder, tmp_path_factory):
     out = tmp_path_factory.mktemp("out")
     moving = scenario(folder, REST, (0.3, 0.7), (0.0, 0.5), (0.2, 0.2), (0.2, 0.2))
     return run_scenario(moving, out), out
-
-
-def test_a_pelvis_squats_on_soles_that_stand(folder) -> None:
-    """The hand asks for what the arm alone does not reach."""
-    pelvis = Pelvis(x=0.03, y=0.02, down=0.05)
-    low = scenario(folder, REST, REST, REST, REST, standing=Standing(pelvis=pelvis))
-    for frame in low.keyframes["hand"][1:]:
-        frame.xyz[1] += 0.01
-        frame.xyz[2] -= 0.03
-        frame.xyz[0] += 0.02
-    low.controller = replace(low.controller, balance=BalanceParameters())
-    result = run_scenario(low)
-    stood = result.summary.stance
-    assert stood.fell is None and stood.lean < np.radians(1.0)
-    assert stood.slide < 3e-3 and abs(stood.lift) < 1e-3
-    assert result.summary.violated_samples == 0
-    knee = list(result.log.position_names).index("left_knee")
-    assert result.log.q[-1, knee] > result.log.q[0, knee] + 0.02
-
-
-@pytest.mark.parametrize(
-    "standing, told",
-    [
-        ("{pelvis: {x: 0}}", "standing.pelvis.x: 0.* must be a length"),
-        ("{pelvis: {down: .nan}}", "standing.pelvis.down: nan must be a length"),
-    ],
-)
-def test_a_box_that_is_none_is_told(standing, told) -> None:
-    text = f"robot: a\nmotion: dance\nexperiment: wrists\nstanding: {standing}\n"
-    with pytest.raises(ScenarioError, match=told):
-        parse_scenario(text, "here").validate()
 
 
 def test_the_hand_goes_where_it_is_to(moved) -> None:

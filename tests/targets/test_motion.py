@@ -189,6 +189,7 @@ def test_hands_stand_still_after_the_end(with_hands):
         ),
         (Task(frame="neck", kind="pose", name="nod"), ["task nod", "left_hand"]),
         (Task(frame="lean_link"), ["task lean_link", "left_wrist", "keyframes"]),
+        (Task(kind="joint", joint="lean"), ["task lean", "no joint positions"]),
     ],
 )
 def test_refused_tasks(task, words):

@@ -52,8 +52,3 @@ def test_before_the_first_command_nothing_is_compared_and_memory_is_bounded():
     for k in range(10_000):
         robot.tell(k * PERIOD, np.zeros(1))
     assert len(robot._told) < 110
-
-
-def test_positions_of_a_root_are_not_compared():
-    names = ["root", "root", "root", "a"]
-    assert list(FollowedRobot(names).names) == ["a"]

@@ -40,8 +40,6 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
 from crar_drake.robot.workspace import Workspace
 
-# What slides of a base on its legs count more than joints, beside the tasks [m].
-_SLIDE_DAMPING = 2.0
 _NOT_GIVEN = np.zeros(0)
 _NO_EFFORTS = np.zeros((0, 0))
 _NO_TARGETS = Targets(_NOT_GIVEN, _NOT_GIVEN, _NOT_GIVEN)
@@ -62,12 +60,6 @@ def longer_horizons(horizon: float, longest: float) -> list[float]:
     ratio = longest / horizon
     count = math.ceil(math.log(ratio) / math.log(_HORIZON_RATIO))
     return [horizon * ratio ** (k / count) for k in range(1, count + 1)]
-
-
-def _more_damping(model: ControlModel) -> np.ndarray:
-    """(n,) added to lambda^2 of the controlled joints [m^2]; (0,) if nothing is."""
-    slides = np.isin(model.joint_names, model.description.slides)
-    return _SLIDE_DAMPING**2 * slides if slides.any() else np.zeros(0)
 
 
 class LookaheadMode(Mode):
@@ -185,7 +177,6 @@ class LookaheadMode(Mode):
             guard_damping=float(ahead.guard_damping or parameters.damping),
             approach_rate=float(ahead.approach_rate),
             limit_approach_rate=float(ahead.limit_approach_rate),
-            more_damping=_more_damping(model),
         )
         plant = model.plant
         reaches = find_reaches(

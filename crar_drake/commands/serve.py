@@ -45,7 +45,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "serve",
         run,
-        "Take targets of hands and other points over UDP or LCM, and answer with "
+        "Take targets of hands and other points over UDP, and answer with "
         "joint positions and torques that keep the robot from running into itself. "
         "docs/guides/teleoperation.md has the messages.",
     )
@@ -86,15 +86,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         type=int,
         default=_PORT,
         help="of UDP; 0 takes a free one (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--lcm",
-        nargs="?",
-        const="udpm://239.255.76.67:7667?ttl=0",
-        default="",
-        metavar="URL",
-        help="take targets from LCM, too, and publish the commands there (default "
-        "URL: %(const)s)",
     )
     for name, (unit, default, text) in GATE.items():
         parser.add_argument(
@@ -155,7 +146,6 @@ def run(arguments: argparse.Namespace) -> None:
             gate=Gate(**{name: getattr(arguments, name) for name in GATE}),
             host=arguments.host,
             port=arguments.port,
-            lcm_url=arguments.lcm,
         )
     host, port = server.address
     host = f"[{host}]" if ":" in host else host
@@ -164,8 +154,6 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"{model.description.name}: UDP at {host}:{port}", flush=True)
     before = "the robot to say where it is, then for " if measured else ""
     print(f"waits for {before}targets of {tasks}; Ctrl-C ends it", flush=True)
-    if arguments.lcm:
-        print(f"LCM at {arguments.lcm}", flush=True)
     with ctrl_c() as interrupts:
         try:
             server.run(

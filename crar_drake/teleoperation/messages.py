@@ -127,20 +127,20 @@ def parse(
     if said == {"drive": True}:
         return Drive()
     if set(said) == {"measured"}:
-        return make_measured(said["measured"], joints)
+        return _make_measured(said["measured"], joints)
     if set(said) == {"obstacles"}:
-        return make_obstacles(said["obstacles"])
+        return _make_obstacles(said["obstacles"])
     unknown = set(said) - {"time", "targets"}
     if unknown or not isinstance(said.get("targets"), dict):
         raise MessageError('give "targets", and "time" if you like')
     time = None if said.get("time") is None else _number(said["time"], math.inf)
-    return make_targets(time, said["targets"], layout)
+    return _make_targets(time, said["targets"], layout)
 
 
-def make_targets(
+def _make_targets(
     time: float | None, targets: Mapping[str, object], layout: TaskLayout
 ) -> TargetMessage:
-    """Checks targets by name, from whatever message.
+    """Checks targets by name.
 
     Args:
         time: on the sender's clock [s], or None.
@@ -160,8 +160,8 @@ def make_targets(
     return TargetMessage(time, found)
 
 
-def make_measured(positions: object, joints: Collection[str]) -> Measured:
-    """Checks measured positions by name, from whatever message.
+def _make_measured(positions: object, joints: Collection[str]) -> Measured:
+    """Checks measured positions by name.
 
     Args:
         positions: joint to position [rad or m].
@@ -178,7 +178,7 @@ def make_measured(positions: object, joints: Collection[str]) -> Measured:
     return Measured({name: _number(x, _FARTHEST) for name, x in positions.items()})
 
 
-def make_obstacles(obstacles: object) -> ObstacleMessage:
+def _make_obstacles(obstacles: object) -> ObstacleMessage:
     """Checks obstacles by name.
 
     Args:
@@ -220,7 +220,7 @@ def _place(told: dict, key: str) -> tuple[float, float, float]:
 
 
 def as_targets(x: np.ndarray, layout: TaskLayout) -> dict[str, dict]:
-    """Places as targets that could be sent, the inverse of `make_targets`.
+    """Places as targets that could be sent, the inverse of `_make_targets`.
 
     Args:
         x: (size_x,) of the tasks, or longer.
@@ -294,7 +294,7 @@ class Command:
     torques: np.ndarray  # (nu,) at the state that the period begins in [Nm or N]
     distance: float  # of the nearest watched pair [m]; infinite if none is watched
     admitted: str  # "nominal", "corrected", or "scaled", see docs/theory/theorem.md
-    driver: str | None = None  # who is followed, "host:port" or "LCM"; None: nobody
+    driver: str | None = None  # who is followed, "host:port"; None: nobody
     # how far the robot was from what it was told when it was heard last [rad or m]; NaN
     # if it never was
     tracking_error: float = math.nan

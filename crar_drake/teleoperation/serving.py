@@ -35,7 +35,6 @@ def make_server(
     start: Mapping[str, float] | None = None,
     host: str = "127.0.0.1",
     port: int = 0,
-    lcm_url: str = "",
     latency: float = 0.0,
     tracking_error: float = math.inf,
     start_measured: bool = False,
@@ -53,7 +52,7 @@ def make_server(
         gate: what a target may be; it is also the governor's, unless the scenario has
             one of its own.
         start: see `SafeMotion`.
-        host, port, lcm_url, latency, tracking_error, start_measured: see
+        host, port, latency, tracking_error, start_measured: see
             `TeleoperationServer`.
 
     Raises:
@@ -73,7 +72,6 @@ def make_server(
     return TeleoperationServer(
         motion,
         gate,
-        lcm_url=lcm_url,
         opened=opened,
         latency=latency,
         tracking_error=tracking_error,

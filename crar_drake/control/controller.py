@@ -21,13 +21,11 @@ from pydrake.systems.framework import (
 from crar_drake.control.diagnostics import OF_LAW, Diagnostic
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes import MODES
-from crar_drake.control.modes.fading import FadingMode, without_fading
 from crar_drake.control.obstacle_port import ObstaclePort
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import InputError, Memory, Solution, check_finite
 from crar_drake.equations.references import Targets
 from crar_drake.equations.vectors import is_finite
-from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
@@ -325,45 +323,6 @@ class CrarController(LeafSystem):
                 f'controller.diagnostics(context)["{part}"]'
             )
         raise AttributeError(f"CrarController has no attribute {name!r}")
-
-    def TakeOver(self, context: Context, parameters: CrarParameters) -> None:
-        """Goes on by a law with other gains or constraints, from the next tick on.
-
-        Accelerations do not jump: see `modes.fading`. A governor goes on from where it
-        is if its bounds stay. The law is the system's, not the context's: of a diagram
-        that several simulators run, all go on by it.
-
-        Braking over a longer time (`lookahead.horizon`, or a smaller Gv) leads farther:
-        if that path is not clear, `admission` says so in its last number, and
-        nothing is proved until it is clear again. A shorter time keeps the claim.
-
-        Call it between two ticks: outputs of the present one that were read already
-        were those of the law before.
-
-        Args:
-            context: of the controller, in a simulation.
-            parameters: with the same periods, level aside.
-
-        Raises:
-            ScenarioError: a parameter is out of range or a period another one; or the
-                law draws the null space to a posture, for which there is no port.
-        """
-        law = ControlLaw(self.model, parameters)
-        old, new = self.law.parameters, law.parameters
-        if (new.period, new.torque_period) != (old.period, old.torque_period):
-            raise ScenarioError("controller.period: it cannot change in a simulation")
-        if new.posture_gain and self._posture_port is None:
-            raise ScenarioError(
-                "controller.nominal_posture_gain: the controller was made without it"
-            )
-        law.mode = FadingMode(law.mode, self.law.mode, self.model, new.period)
-        law.target_names = self.law.target_names
-        law.take_over_obstacles(self.law)
-        memory = without_fading(self._GetHeld(context))
-        if new.governor != old.governor:
-            memory = replace(memory, governed=None)
-        self.law = law
-        context.get_mutable_abstract_state(self._held_index).set_value(memory)
 
     def _CalcRootForce(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._EvalSolution(context).root_force)

@@ -136,15 +136,6 @@ class ControlLaw:
         """
         return LawAmong(self.model, self.parameters)
 
-    def take_over_obstacles(self, before: ControlLaw) -> None:
-        """Goes on with what keeps the robot off obstacles in a law before, where that
-        goes with this one: it takes a twentieth of a second to make.
-        """
-        made = vars(before).get("among")
-        unused = not self.mode.keeps_off_obstacles
-        if made is not None and (unused or made.goes_with(self.parameters)):
-            vars(self)["among"] = made
-
     def compile(self, obstacles: bool = False) -> None:
         """Compiles what has yet to be, by a step at rest that leaves nothing behind.
 

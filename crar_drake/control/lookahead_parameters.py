@@ -67,9 +67,8 @@ class LookaheadParameters:
     """Parameters of the constraint mode "lookahead", see `equations.lookahead`.
 
     Attributes:
-        horizon: T, over which the robot could brake [s]; a law with a longer one that
-            takes over in mid-motion has yet to find its path clear; by default 12 ms or
-            1.6 control periods, whichever is longer, and without a preview 2.5 / Gv.
+        horizon: T, over which the robot could brake [s]; by default 12 ms or 1.6
+            control periods, whichever is longer, and without a preview 2.5 / Gv.
         longest_horizon: over which it may brake where motors have not the torque to
             brake within `horizon`, as long as that path is clear, too [s], and over
             some in between, see `longer_horizons`; by default 2.5 / Gv if that is

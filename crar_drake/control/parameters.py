@@ -402,7 +402,7 @@ class CrarParameters:
         """These, with one braking horizon, as obstacles that move ask for.
 
         It is 2.5 / Gv, over which motors can brake most of the time, unless one of the
-        two horizons is given. Both then stay, whatever becomes of gains.
+        two horizons is given.
         """
         ahead = self.lookahead
         horizon, longest = ahead.horizon, ahead.longest_horizon

@@ -92,8 +92,6 @@ class LiveScene:
             "rate": _short(pacer.rate(now, live.time), 3),
             "late": _short(0.0 if pacer.paused else pacer.late(now, live.time), 4),
             "behind": _short(pacer.behind, 2),
-            "mode": live.mode,
-            "gains": live.gains,
             "motion": live.moves,
             "phase": _short(live.phase, 2),
             "offsets": _rows(live.offsets),

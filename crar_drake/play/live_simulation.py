@@ -1,4 +1,4 @@
-"""A scenario's simulation that goes on step by step, and changes in between."""
+"""A scenario's simulation that goes on step by step, moved by hand in between."""
 
 from collections import deque
 from collections.abc import Callable
@@ -12,10 +12,8 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from crar_drake.control.controller import CrarController
-from crar_drake.control.law import ControlLaw
 from crar_drake.control.law_among import LawAmong
-from crar_drake.control.modes import MODES, validate
-from crar_drake.control.parameters import CrarParameters, TargetGovernor
+from crar_drake.control.parameters import TargetGovernor
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.play.live_sources import LiveSource, make_live
 from crar_drake.play.motion_clock import MotionClock, to_and_fro, turning_time
@@ -36,11 +34,6 @@ _ROOM = 1.1  # over what the motion does
 _MOST_SAMPLES = 2000  # of the motion, to see how fast it is
 
 _MOST_EVENTS, _MOST_REPORTED = 10_000, 1000
-
-# What can be changed: gains, by their names in `CrarParameters`, and what stands for
-# them with a preview, by its name in `LookaheadParameters`.
-_FEEDBACK, _SMOOTHNESS = ("K", "Kp", "Gv"), "smoothness"
-GAINS = (*_FEEDBACK, _SMOOTHNESS)
 
 # The ball that is dragged: its radius [m], the bound of its speed [m/s], and how far in
 # front of the robot and its targets it is at first [m].
@@ -90,7 +83,6 @@ class LiveSimulation:
         Raises:
             CrarError: something in the scenario, its robot or its motion is wrong.
         """
-        wanted = scenario.controller.constraints
         if load_robot_description(scenario.robot).root == "fixed":
             # As obstacles that move ask for.
             scenario = deepcopy(scenario)
@@ -98,29 +90,21 @@ class LiveSimulation:
         setup = PrepareScenario(scenario)
         self.model, self.duration = setup.model, setup.motion.duration
         self._scheduled = list(scenario.disturbances.pushes)
-        ahead = replace(scenario.controller, constraints="lookahead")
-        # The proof is of a braking time that stays, whatever becomes of gains.
-        parameters = replace(
-            scenario.controller, lookahead=ahead.among_obstacles().lookahead
-        )
+        parameters = scenario.controller
         if scenario.standing is not None:  # as its controller has them
             parameters = replace(parameters, torque_period=parameters.period)
         if parameters.governor.bounds() is None:
             governor = make_governor(setup.motion, setup.model)
             parameters = replace(parameters, governor=governor)
-        # The lookahead has an input port more, which cannot be added later.
-        first = parameters
-        ahead = replace(parameters, constraints="lookahead")
-        if accepted(lambda: validate(ahead)):
-            first = ahead
         balls = []
-        if first.constraints == "lookahead" and accepted(
-            lambda: LawAmong(self.model, first)
+        among = parameters.among_obstacles()
+        if parameters.constraints == "lookahead" and accepted(
+            lambda: LawAmong(self.model, among)
         ):
-            balls.append(make_ball(setup))
+            parameters, balls = among, [make_ball(setup)]
         self.scenario = replace(
             scenario,
-            controller=first,
+            controller=parameters,
             disturbances=replace(scenario.disturbances, pushes=[]),
             obstacles=[*scenario.obstacles, *balls],
             log_period=scenario.log_period or parameters.period,
@@ -157,13 +141,10 @@ class LiveSimulation:
             self._obstacles_context = self._obstacles.GetMyMutableContextFromRoot(root)
         self.offsets = np.zeros((len(self.model.layout.linear_tasks), 3))
         self.clock = MotionClock()
-        self.parameters, self._modes = first, {wanted}
         self.events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self.pushes: list[Push] = []
         self._acting: list[Push] = []
         self.recorder = Recorder(setup, self.simulator)
-        if wanted != first.constraints:
-            self._take_over(parameters)
         self._set_clock()
         self.simulator.Initialize()
         self.simulator.AdvanceTo(0.5 * self.period)
@@ -186,23 +167,16 @@ class LiveSimulation:
     @property
     def floor(self) -> float:
         """What no pair comes nearer than, by the lookahead [m]."""
-        return self.parameters.lookahead.floor
+        return self.scenario.controller.lookahead.floor
 
     @property
     def mode(self) -> str:
         """What the constraints are."""
-        return self.parameters.constraints
+        return self.scenario.controller.constraints
 
     def compile(self) -> None:
-        """Compiles what any mode needs, before somebody waits for it."""
-        for name in MODES:
-            try:
-                parameters = replace(self.parameters, constraints=name)
-                ControlLaw(self.model, parameters).compile(
-                    bool(self.scenario.obstacles)
-                )
-            except ScenarioError:  # it does not go with the scenario's gains
-                continue
+        """Compiles what has yet to be, before somebody waits for it."""
+        self.controller.law.compile(bool(self.scenario.obstacles))
 
     def step(self) -> None:
         """Goes on by one control period.
@@ -218,42 +192,6 @@ class LiveSimulation:
         self.recorder.collect(self.scenario)
 
     # --- what a person does -------------------------------------------------------
-
-    def set_mode(self, constraints: str) -> None:
-        """Changes the constraints, without a jump: see `modes.fading`.
-
-        Raises:
-            ScenarioError: there are no such, or the gains do not go with them.
-        """
-        if constraints == self.mode:
-            return
-        self._take_over(replace(self.parameters, constraints=constraints))
-        self._modes.add(constraints)
-        self._note(f"constraints {constraints}")
-
-    @property
-    def gains(self) -> dict[str, float]:
-        """Those of `GAINS` that do something in the present mode."""
-        if self.parameters.plans:
-            return {_SMOOTHNESS: self.parameters.lookahead.planned_smoothness}
-        return {name: getattr(self.parameters, name) for name in _FEEDBACK}
-
-    def set_gains(self, gains: dict[str, float]) -> None:
-        """Changes gains, likewise; the braking time of the lookahead stays.
-
-        Args:
-            gains: any of `GAINS`.
-
-        Raises:
-            ScenarioError: with them the feedback would diverge.
-        """
-        ahead = self.parameters.lookahead
-        if _SMOOTHNESS in gains:
-            ahead = replace(ahead, smoothness=gains[_SMOOTHNESS])
-        feedback = {name: gains[name] for name in _FEEDBACK if name in gains}
-        self._take_over(replace(self.parameters, lookahead=ahead, **feedback))
-        reported = ", ".join(f"{name} {value:g}" for name, value in gains.items())
-        self._note(reported)
 
     def set_offset(self, task: int, offset: np.ndarray) -> None:
         """Moves a target away from the motion's.
@@ -360,15 +298,10 @@ class LiveSimulation:
         return self._sources[0].get_output_port().Eval(self._source_contexts[0])
 
     def logged_scenario(self) -> Scenario:
-        """The scenario that says what was done: its gains and pushes.
-
-        Of several constraints it has those that promise the least.
-        """
-        weakest = min(self._modes, key=list(MODES).index)
+        """The scenario that says what was done: its changes and pushes."""
         return replace(
             self.scenario,
             description="\n".join([self.reported(), *self._changes()]),
-            controller=replace(self.parameters, constraints=weakest),
             disturbances=replace(
                 self.scenario.disturbances, pushes=[*self.pushes, *self._acting]
             ),
@@ -380,22 +313,14 @@ class LiveSimulation:
 
     def reported(self) -> str:
         """What it was, in a line."""
-        words = ["played live"]
-        if len(self._modes) > 1:
-            words.append(f"constraints {', '.join(sorted(self._modes))} in turn")
         done = len(self.events)
-        words.append(f"{done} change{'s' if done != 1 else ''} by hand")
-        return ", ".join(words)
+        return f"played live, {done} change{'s' if done != 1 else ''} by hand"
 
     def log(self) -> SimulationLog:
         """All that is recorded, see `Recorder`."""
         return self.recorder.log(self.logged_scenario())
 
     # --- inside -------------------------------------------------------------------
-
-    def _take_over(self, parameters: CrarParameters) -> None:
-        self.controller.TakeOver(self._controller_context, parameters)
-        self.parameters = parameters
 
     def _set_clock(self) -> None:
         for source, context in zip(self._sources, self._source_contexts, strict=True):

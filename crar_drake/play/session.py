@@ -170,10 +170,6 @@ class PlaySession:
                     self._stopped = True
                 case "speed":
                     pacer.set_speed(request.value, now, live.time)
-                case "mode":
-                    live.set_mode(request.value)
-                case "gains":
-                    live.set_gains(request.value)
                 case "offset":
                     live.set_offset(request.task, np.array(request.value))
                 case "home":
@@ -188,7 +184,7 @@ class PlaySession:
                     live.set_motion(request.value)
                 case "push":
                     live.push(request.frame, np.array(request.value))
-        except CrarError as error:  # wrong for this robot, or these gains
+        except CrarError as error:  # wrong for this robot
             self.say(str(error))
 
 

@@ -199,7 +199,6 @@ MODES = [
     {
         "constraints": "paper",
         "metric": "inertia",
-        "Gv_near": 50.0,
         "nominal_posture_gain": 20.0,
         "respect_effort_limits": True,
     },

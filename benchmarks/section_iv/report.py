@@ -114,7 +114,7 @@ _CAPTIONS = {
     ),
     "variants-error": (
         "The paper's own improvements: task error, Experiment 1",
-        "A dynamically consistent weight, an adaptive Gv and a smaller λ are proposed.",
+        "A dynamically consistent weight and a smaller λ are proposed.",
         "Each changes one thing of the acceleration level (green).",
     ),
     "variants-power": (

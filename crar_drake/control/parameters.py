@@ -109,10 +109,6 @@ class CrarParameters:
         Gv: joint velocity gain, Eq. (30) [1/s].
         GvN: null-space gain, Eq. (33) [1/s]; by default Gv, and with a preview 20, or
             3 where there are as many task rows as joints or more.
-        Gv_near: adaptive gains, for constraints "paper": Gv then holds away from
-            the constraints and this near them, joint by joint [1/s], see
-            `equations.resolved_acceleration.adaptive_gain`; GvN goes along unless it is
-            given.
         metric: of the joint velocities that W weighs, for constraints "paper" and
             "none": "identity", or "inertia" for the dynamically consistent inverse,
             see `equations.composite_weight.inertia_weight`.
@@ -158,7 +154,6 @@ class CrarParameters:
     Kv: float | None = None  # [1/s]
     Gv: float = 30.0  # [1/s]
     GvN: float | None = None  # [1/s]
-    Gv_near: float | None = None  # [1/s]
     metric: str = "identity"
     damping: float = 0.1  # [m]
     rho: float = 1.0

@@ -34,7 +34,6 @@ FIGURES = {
     ("wrists", "acceleration"): (0.030, 100.0, 200.0, 1.0, 0.0),
     ("wrists", "lookahead"): (0.030, 90.0, 200.0, 1.0, 0.0),
     ("wrists", "inertia"): (0.032, 60.0, 200.0, 1.0, 0.0),
-    ("wrists", "adaptive-gain"): (0.033, 100.0, 200.0, 1.0, 0.0),
     ("wrists", "less-damping"): (0.020, 110.0, 200.0, 1.0, 0.0),
     ("upper-body", "velocity"): (0.060, 50.0, 400.0, 20.0, 0.0),
     ("upper-body", "acceleration"): (0.065, 45.0, 100.0, 1.0, 0.0),
@@ -188,16 +187,6 @@ DEEP = {"penetrating": 3, "smallest_distance": -0.01}
             ("boxing", "wrists", "inertia"),
             {"mean_power": 101.0},
             {"Section IV, on Fig. 7"},
-        ),
-        (
-            ("boxing", "wrists", "adaptive-gain"),
-            {"violated_share": 0.1},
-            {"Section III-D"},
-        ),
-        (
-            ("boxing", "wrists", "adaptive-gain"),
-            {"rms_task_error": 0.040},
-            {"Section III-D"},
         ),
     ],
 )

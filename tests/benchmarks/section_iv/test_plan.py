@@ -57,7 +57,6 @@ def test_a_variant_changes_one_thing_of_the_acceleration_level(plan):
     base = yaml_fields(scenario_of(plan, "dance", "wrists", "acceleration"))
     expected = {
         "inertia": {"metric"},
-        "adaptive-gain": {"Gv", "Gv_near"},
         "less-damping": {"damping"},
     }
     assert set(expected) == set(VARIANTS)
@@ -89,8 +88,6 @@ def test_every_series_has_a_label(plan):
     assert {"raw", *SERIES, *VARIANTS} == set(LABELS)
     # A label that names a value names the one that is simulated.
     assert LABELS["less-damping"] == f"λ = {VARIANTS['less-damping'].damping:g} m"
-    adaptive = VARIANTS["adaptive-gain"]
-    assert f"{adaptive.Gv:g} to {adaptive.Gv_near:g}/s" in LABELS["adaptive-gain"]
 
 
 def test_a_duration_cuts_every_motion():

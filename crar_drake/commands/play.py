@@ -139,7 +139,6 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
     override_motion(scenario, arguments)
     scenario.controller.constraints = arguments.constraints
     scenario.controller.period = arguments.period
-    scenario.controller.torque_period = None
     scenario.validate()
 
 

@@ -119,12 +119,11 @@ class CrarController(LeafSystem):
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises
-    them, the inverse dynamics of Eq. (29), is computed anew at each torque tick, at
-    t = 0, torque period, 2 torque period, ..., on the state of that instant
-    (`CrarParameters.torque_period`): a torque that is held is not an acceleration that
-    is held. Every control tick is a torque tick; there the law comes first, and its
-    torque is that of the tick. In between only the torque changes, and NaN among the
-    targets is not seen.
+    them, the inverse dynamics of Eq. (29), is computed anew at each torque tick, on the
+    state of that instant, `CrarParameters.torque_ticks` times a control period: a
+    torque that is held is not an acceleration that is held. Every control tick is a
+    torque tick; there the law comes first, and its torque is that of the tick. In
+    between only the torque changes, and NaN among the targets is not seen.
 
     There is no delay. Where the plant is discrete, its own update happens at the same
     instant as the controller's, so the outputs then answer from the new state already;
@@ -139,8 +138,8 @@ class CrarController(LeafSystem):
     Limits: joints with as many velocities as positions, all actuated, but for a root
     that floats by a quaternion, its position and its orientation each prescribed or
     controlled; the plant's torque is exact where its model is the control model's, time
-    step included, and the acceleration is exactly held where the torque period is the
-    plant's step.
+    step included, and the acceleration is exactly held where each of its steps is a
+    torque tick.
     """
 
     def __init__(

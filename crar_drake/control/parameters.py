@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 LEVELS = ("velocity", "acceleration")
 METRICS = ("identity", "inertia")
 
-# A torque loop of 1 kHz is usual, and enough: the torque period unless it is given [s].
+# A torque loop of 1 kHz is usual, and enough [s].
 _TORQUE_PERIOD = 1e-3
 
 # The braking horizon, in time constants of the velocity loop, unless it is given. A
@@ -95,11 +95,6 @@ class CrarParameters:
         constraints: "lookahead" (hold where the robot would come to rest),
             "paper" (W of Eq. 27) or "none" (W = I).
         period: control period [s]; the accelerations are held in between.
-        torque_period: between two computations of the torque of the held
-            accelerations [s]; it divides the control period, and is a multiple of a
-            discrete plant's time step. By default the longest such that is not longer
-            than 1 ms, or than the plant's step if that is longer. As long as the
-            control period, it is the torque that is held.
         latency: from a state of the robot until a command that answers it acts on the
             robot [s]; the law predicts the state then, by what it has commanded since.
             By default 0.
@@ -147,7 +142,6 @@ class CrarParameters:
     level: str = "acceleration"
     constraints: str = "lookahead"
     period: float = 1e-3  # [s]
-    torque_period: float | None = None  # [s]
     latency: float = 0.0  # [s]
     K: float = 30.0  # [1/s]
     Kp: float = 300.0  # [1/s^2]
@@ -202,7 +196,6 @@ class CrarParameters:
             raise ScenarioError(
                 f"controller.limit_share: {self.limit_share} must be at most 1"
             )
-        self._check_torque_period()
         self.lookahead.validate()
         self.governor.validate()
         if self.balance is not None:
@@ -240,25 +233,14 @@ class CrarParameters:
             f"s; lower the gains, or choose a period below {longest:.2g} s"
         )
 
-    def _check_torque_period(self) -> None:
-        if self.torque_period is None:
-            return
-        ticks = self.period / self.torque_period
-        if abs(ticks - round(ticks)) > 1e-6 * ticks or round(ticks) < 1:
-            raise ScenarioError(
-                f"controller.torque_period: {self.torque_period:g} s does not divide "
-                f"controller.period, {self.period:g} s; choose e.g. "
-                f"{self.period / max(round(ticks), 1):g}, or leave it out"
-            )
-
     def torque_ticks(self, plant_step: float) -> int:
-        """How often the torque is computed in a control period.
+        """How often the torque of the held accelerations is computed in a control
+        period: every millisecond, or every step of a plant whose steps are longer; of
+        what divides the period, the longest such time that is not longer.
 
         Args:
             plant_step: time step of the discrete plant [s]; 0 for a continuous one.
         """
-        if self.torque_period is not None:
-            return round(self.period / self.torque_period)
         longest = max(plant_step, _TORQUE_PERIOD) * (1.0 + 1e-6)
         if not plant_step:
             return math.ceil(self.period / longest)

@@ -91,8 +91,6 @@ class LiveSimulation:
         self.model, self.duration = setup.model, setup.motion.duration
         self._scheduled = list(scenario.disturbances.pushes)
         parameters = scenario.controller
-        if scenario.standing is not None:  # as its controller has them
-            parameters = replace(parameters, torque_period=parameters.period)
         if parameters.governor.bounds() is None:
             governor = make_governor(setup.motion, setup.model)
             parameters = replace(parameters, governor=governor)

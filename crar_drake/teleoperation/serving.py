@@ -137,7 +137,6 @@ def _make_motion(
             loaded.controller,
             constraints="lookahead",
             period=period,
-            torque_period=None,
             governor=governor,
         )
         modes.validate(parameters)

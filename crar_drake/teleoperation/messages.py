@@ -16,8 +16,7 @@ targets are followed. The robot says where its joints are [rad or m]:
     {"measured": {"left_elbow": -0.52, "left_shoulder_x": 0.1}}
 
 Obstacles that move by themselves may be told: spheres in W, with a bound of their
-speed, by any names; null takes one away. With an "end" it is a capsule from there to
-there.
+speed, by any names; null takes one away.
 
     {"obstacles": {"person": {"position": [1, 0, 1], "radius": 0.3, "speed": 1.6},
                    "trolley": null}}
@@ -87,14 +86,11 @@ class Measured:
 
 @dataclass(frozen=True)
 class Heard:
-    """An obstacle, as it is told of."""
+    """A sphere that moves, as it is told of."""
 
-    # (3,) of the sphere's centre in W [m]; of a capsule one end of its axis
-    position: tuple[float, float, float]
+    position: tuple[float, float, float]  # (3,) of its centre, in W [m]
     radius: float  # [m]
     speed: float  # that no point of it exceeds [m/s]
-    # (3,) of a capsule the other end; None of a sphere
-    end: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -198,25 +194,17 @@ def _make_obstacles(obstacles: object) -> ObstacleMessage:
         if told is None:
             found[name] = None
             continue
-        if not isinstance(told, dict) or set(told) - {"end"} != _OBSTACLE:
-            raise MessageError(
-                "an obstacle has position, radius and speed, and an end if it is a "
-                "capsule, or is null"
-            )
-        position = _place(told, "position")
-        end = _place(told, "end") if "end" in told else None
+        if not isinstance(told, dict) or set(told) != _OBSTACLE:
+            raise MessageError("an obstacle has position, radius and speed, or is null")
+        place = told["position"]
+        if not isinstance(place, list) or len(place) != 3:
+            raise MessageError("position has 3 numbers")
+        x, y, z = (_number(value, _FARTHEST) for value in place)
         radius, speed = (_number(told[key], _FARTHEST) for key in ("radius", "speed"))
         if radius < 0.0 or speed < 0.0:
             raise MessageError("radius and speed are not negative")
-        found[name] = Heard(position, radius, speed, end)
+        found[name] = Heard((x, y, z), radius, speed)
     return ObstacleMessage(found)
-
-
-def _place(told: dict, key: str) -> tuple[float, float, float]:
-    if not isinstance(told[key], list) or len(told[key]) != 3:
-        raise MessageError(f"{key} has 3 numbers")
-    x, y, z = (_number(value, _FARTHEST) for value in told[key])
-    return x, y, z
 
 
 def as_targets(x: np.ndarray, layout: TaskLayout) -> dict[str, dict]:

@@ -116,7 +116,7 @@ def verdicts(changes: dict | None = None, raw=None) -> dict[tuple[str, str], boo
     """By source and the beginning of the statement."""
     findings = check_findings(*made_up(changes), lambda *_: raw or raw_log(6, 7))
     found = {(f.source, f.statement): f.holds for f in findings}
-    assert len(found) == len(findings) == 16
+    assert len(found) == len(findings) == 15
     for f in findings:
         assert f.figures and f.criterion
         assert f.verdict == ("holds" if f.holds else "does not hold")

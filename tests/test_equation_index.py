@@ -24,7 +24,6 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import (
     CrarParameters,
     LookaheadParameters,
-    TargetGovernor,
 )
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
@@ -205,7 +204,6 @@ MODES = [
     {
         "lookahead": LookaheadParameters(preview=0.0),
         "nominal_posture_gain": 20.0,
-        "governor": TargetGovernor(speed=1.0, angular_speed=1.0),
     },
     {},
 ]

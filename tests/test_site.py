@@ -176,7 +176,7 @@ def test_the_site_works_in_a_browser_from_disk(site):
 
         open_page("index.html")
         browser.wait_for("location.pathname.endsWith('docs/site/index.html')")
-        open_page("search.html?q=governor")
+        open_page("search.html?q=admission")
         browser.wait_for("document.querySelectorAll('#search-results li').length > 2")
         browser.resize(390, 844)
         for name in (

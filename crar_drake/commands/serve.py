@@ -26,13 +26,13 @@ _STDERR = 2  # the descriptor
 # As crar_drake.teleoperation.target_stream.Gate has them, which takes long to import; a
 # test compares them.
 GATE = {
-    "speed": ("M/S", 1.5, "targets that are faster are slowed down to it"),
+    "speed": ("M/S", 1.5, "targets that are faster are approached at it"),
     "angular_speed": ("RAD/S", 6.0, "the same of orientations"),
     "joint_speed": (
         "RAD/S",
         3.0,
-        "tasks that are joints count as clamped if they are faster, and go on to the "
-        "governor as they are: the robot's own speed limits slow them down",
+        "tasks that are joints count as clamped if they are faster, and pass as they "
+        "are: the robot's own speed limits slow them down",
     ),
     "distance": ("M", 1.0, "targets farther from the robot's point are rejected"),
     "timeout": ("S", 0.25, "without targets for so long the robot brakes"),

@@ -381,7 +381,7 @@ class CrarController(LeafSystem):
             # A run that begins between control ticks. The next one comes too early to
             # tell what the plant does in a period.
             solve.memory = replace(
-                solve.memory, torque_tick=torque_tick, continues=False, governed=None
+                solve.memory, torque_tick=torque_tick, continues=False
             )
 
     def _EvalPort(self, port: InputPort | None, context: Context) -> np.ndarray:

@@ -36,7 +36,6 @@ from crar_drake.control.records import (
 )
 from crar_drake.equations.blending import smooth_step
 from crar_drake.equations.free_joints import has_orientation
-from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead_rows import resting_configuration
 from crar_drake.equations.prediction import state_ahead
@@ -45,7 +44,6 @@ from crar_drake.equations.references import (
     BlendStart,
     Targets,
     TaskGains,
-    error_from_targets,
 )
 from crar_drake.equations.vectors import is_finite
 from crar_drake.errors import ModelError
@@ -106,7 +104,6 @@ class ControlLaw:
         self._rest_posture = self._rest[self._controlled_in_q]
         self._has_limits = np.isfinite(model.upper - model.lower)
         self._with_posture = gains.posture_gain > 0.0
-        self._target_bounds = gains.governor.bounds()
         self.speed_limits = gains.speed_limits(model)
         task_gains = TaskGains(
             float(gains.K),
@@ -336,9 +333,6 @@ class ControlLaw:
         if start is None:
             start_time, start = time, self._start(measured)
         blend = smooth_step(time - start_time, self._blend_time)
-        tasks, governed = targets.tasks, None
-        if self._target_bounds is not None:
-            tasks = governed = self._govern(before.governed, measured, targets.tasks)
         posture = targets.posture
         if self._with_posture and blend[0] < 1.0:
             # As the targets, lest the first step be a jerk.
@@ -348,12 +342,10 @@ class ControlLaw:
         solution = mode.resolve(
             workspace,
             measured,
-            Targets(tasks, targets.prescribed, posture, start, blend),
+            Targets(targets.tasks, targets.prescribed, posture, start, blend),
             before if before.continues else None,
             **({"efforts": rows} if mode.plans else {}),
         )
-        if governed is not None and not np.array_equal(governed, targets.tasks):
-            solution.task_error = self._error(measured, targets.tasks)
         if not is_finite(solution.acceleration):
             # A quaternion of zero length is a number, but no orientation.
             if is_finite(solution.task_error):
@@ -376,7 +368,6 @@ class ControlLaw:
             continues=True,
             start_time=start_time,
             start=start,
-            governed=governed,
             regions=regions,
             sent=self._sent(before, solution),
             lateness=lateness,
@@ -484,32 +475,6 @@ class ControlLaw:
     def _sent(self, before: Memory, solution: Solution) -> tuple[np.ndarray, ...]:
         """`Memory.sent` after a step with this solution."""
         return (solution.acceleration, *before.sent)[: self._num_sent]
-
-    def _govern(
-        self, before: np.ndarray | None, measured: Measured, tasks: np.ndarray
-    ) -> np.ndarray:
-        """The governed targets, [x; v; a] (layout.size,).
-
-        They begin at the measured pose and velocity where there are none of a period
-        ago: in the first step, after a gap in time, and when targets that were lost are
-        back.
-        """
-        rows, bounds = self.model.layout.rows, self._target_bounds
-        if before is None:
-            state = self.model.state_here(measured)
-            joints = state.q[self.model.layout.rows.joints]
-            pose = self.model.layout.pack(state.R, state.p, q=joints)
-            before = start_governor(pose, state.J @ state.v, rows, bounds, self._period)
-        return govern_tasks(
-            np.ascontiguousarray(tasks), before, rows, bounds, self._period
-        )
-
-    def _error(self, measured: Measured, tasks: np.ndarray) -> np.ndarray:
-        """Eq. (11) against any targets, (m,)."""
-        state = self.model.state_here(measured)
-        return error_from_targets(
-            state.q, state.R, state.p, tasks, self.model.layout.rows
-        )
 
     @property
     def brakes_without_targets(self) -> bool:

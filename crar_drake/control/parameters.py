@@ -2,7 +2,7 @@
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,6 @@ from crar_drake.control.lookahead_parameters import (
     preview_horizon,
     usual,
 )
-from crar_drake.equations.governor import TargetBounds
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.collision_pairs import DISTANCES
 from crar_drake.robot.description import find_joint, is_speed_limit
@@ -31,41 +30,6 @@ _TORQUE_PERIOD = 1e-3
 # The braking horizon, in time constants of the velocity loop, unless it is given. A
 # short one asks of motors what they do not have; a long one stops far from obstacles.
 _BRAKING_TIMES = 2.5
-
-
-@dataclass
-class TargetGovernor:
-    """Bounds on the targets before the law sees them, see `equations.governor`.
-
-    None leaves a bound out; with all of them left out there is no governor. They are
-    those of every task, and norms over three components; of a pose the orientation
-    and the position are bounded each for itself. Prescribed joints and the nominal
-    posture are not governed.
-
-    Attributes:
-        speed: of positions [m/s].
-        acceleration: of positions [m/s^2].
-        angular_speed: of orientations [rad/s].
-        angular_acceleration: of orientations [rad/s^2].
-    """
-
-    speed: float | None = None  # [m/s]
-    acceleration: float | None = None  # [m/s^2]
-    angular_speed: float | None = None  # [rad/s]
-    angular_acceleration: float | None = None  # [rad/s^2]
-
-    def validate(self) -> None:
-        """Raises ScenarioError, naming the field and what it may be."""
-        check_numbers("controller.governor", self, may_be_zero=set())
-
-    def bounds(self) -> TargetBounds | None:
-        """The bounds for the equations, infinite where left out; None if all are."""
-        given = astuple(self)
-        if all(bound is None for bound in given):
-            return None
-        return TargetBounds(
-            *(math.inf if bound is None else float(bound) for bound in given)
-        )
 
 
 @dataclass
@@ -133,7 +97,6 @@ class CrarParameters:
         distances: "closed_form" for all but cylinders and such, or "scene_graph" for
             all shapes.
         lookahead: what the mode "lookahead" needs besides.
-        governor: bounds on the targets' speed and acceleration; by default none.
         balance: of a robot that stands on its soles, what it may ask of the ground, see
             `equations.balance`; by default nobody asks. It needs constraints
             "lookahead", and a description with soles whose base is fixed.
@@ -161,7 +124,6 @@ class CrarParameters:
     velocity_limits: dict[str, float] = field(default_factory=dict)
     distances: str = "closed_form"
     lookahead: LookaheadParameters = field(default_factory=LookaheadParameters)
-    governor: TargetGovernor = field(default_factory=TargetGovernor)
     balance: BalanceParameters | None = None
 
     def validate(self) -> None:
@@ -197,7 +159,6 @@ class CrarParameters:
                 f"controller.limit_share: {self.limit_share} must be at most 1"
             )
         self.lookahead.validate()
-        self.governor.validate()
         if self.balance is not None:
             self.balance.validate()
             if self.constraints != "lookahead":

@@ -13,25 +13,19 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law_among import LawAmong
-from crar_drake.control.parameters import TargetGovernor
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.play.live_sources import LiveSource, make_live
-from crar_drake.play.motion_clock import MotionClock, to_and_fro, turning_time
+from crar_drake.play.motion_clock import MotionClock, to_and_fro
 from crar_drake.play.recorder import Recorder
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import load_robot_description
-from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import Push, ScaleMasses, applied_force
 from crar_drake.simulation.moving_obstacles import MovingObstacle, ObstacleSource, Place
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.targets.desired_motion import DesiredMotion
 
-# A governed target is at least allowed to be so fast [m/s, rad/s], and to change its
-# velocity by that in the time below [s]; what the motion itself does is allowed, too.
-_SPEED, _ANGULAR_SPEED, _RISE = 1.5, 6.0, 0.1
-_ROOM = 1.1  # over what the motion does
-_MOST_SAMPLES = 2000  # of the motion, to see how fast it is
+# What a person drags targets by changes so fast at most [m/s].
+_SPEED = 1.5
 
 _MOST_EVENTS, _MOST_REPORTED = 10_000, 1000
 
@@ -65,7 +59,8 @@ class LiveSimulation:
         period: of the controller [s].
         duration: of the motion [s].
         offsets: (N, 3) added to the targets of the position and pose tasks, in the
-            order of `layout.linear_tasks` [m].
+            order of `layout.linear_tasks` [m]; on their way to where a person wants
+            them.
         clock: of the motion.
         ball: (3,) where the ball is that a person drags, an obstacle that moves [m];
             None where the robot keeps off none.
@@ -77,8 +72,7 @@ class LiveSimulation:
     def __init__(self, scenario: Scenario) -> None:
         """
         Args:
-            scenario: validated. Without a governor of its own, it gets one that lets
-                the motion pass, see `make_governor`.
+            scenario: validated.
 
         Raises:
             CrarError: something in the scenario, its robot or its motion is wrong.
@@ -91,9 +85,6 @@ class LiveSimulation:
         self.model, self.duration = setup.model, setup.motion.duration
         self._scheduled = list(scenario.disturbances.pushes)
         parameters = scenario.controller
-        if parameters.governor.bounds() is None:
-            governor = make_governor(setup.motion, setup.model)
-            parameters = replace(parameters, governor=governor)
         balls = []
         among = parameters.among_obstacles()
         if parameters.constraints == "lookahead" and accepted(
@@ -138,6 +129,7 @@ class LiveSimulation:
             )
             self._obstacles_context = self._obstacles.GetMyMutableContextFromRoot(root)
         self.offsets = np.zeros((len(self.model.layout.linear_tasks), 3))
+        self._goals = self.offsets.copy()
         self.clock = MotionClock()
         self.events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self.pushes: list[Push] = []
@@ -184,6 +176,7 @@ class LiveSimulation:
         """
         next_time = self.time + self.period
         self._push()
+        self._drag()
         self._roll()
         self.simulator.AdvanceTo(next_time + 0.5 * self.period)
         self._tick += 1
@@ -192,24 +185,26 @@ class LiveSimulation:
     # --- what a person does -------------------------------------------------------
 
     def set_offset(self, task: int, offset: np.ndarray) -> None:
-        """Moves a target away from the motion's.
+        """Lets a target move away from the motion's, at a bounded speed.
 
         Args:
             task: its place in `layout.linear_tasks`.
-            offset: (3,) in W [m].
+            offset: (3,) to go to, in W [m].
 
         Raises:
             CrarError: there is no such task.
         """
         if not 0 <= task < len(self.offsets):
             raise CrarError(f"there is no target {task}")
-        self.offsets[task] = offset
-        x = np.zeros(self.model.layout.size_x)
-        x[self.model.layout.position_entries.ravel()] = self.offsets.ravel()
-        self._sources[0].set_offset(self._source_contexts[0], x)
+        self._goals[task] = offset
         name = self.model.layout.names[self.model.layout.linear_tasks[task]]
         x, y, z = offset
         self._note_drag(f"{name} moved by", f"{x:.3f}, {y:.3f}, {z:.3f} m")
+
+    def take_offsets_away(self) -> None:
+        """Lets all targets move back to the motion's."""
+        for task in np.flatnonzero(self._goals.any(axis=1)):
+            self.set_offset(int(task), np.zeros(3))
 
     def set_ball(self, goal: np.ndarray | None) -> None:
         """Lets the ball move to a place, no faster than its speed.
@@ -338,15 +333,22 @@ class LiveSimulation:
         """Where the simulator stands: half a period after the last tick [s]."""
         return self.time + 0.5 * self.period
 
+    def _drag(self) -> None:
+        """Moves targets on their way, for the next tick."""
+        layout, before = self.model.layout, self.offsets
+        self.offsets = _on_the_way(before, self._goals, _SPEED * self.period)
+        x, v = np.zeros(layout.size_x), np.zeros(layout.m)
+        x[layout.position_entries] = self.offsets
+        v[layout.linear_rows] = (self.offsets - before) / self.period
+        self._sources[0].set_offset(self._source_contexts[0], x, v)
+
     def _roll(self) -> None:
         """Moves the ball on its way, for the next tick."""
         if self.ball is None:
             return
-        way = self._ball_goal - self.ball
         # A hair less than its speed, for the rounding.
         most = (1.0 - 1e-9) * _BALL_SPEED * self.period
-        far = np.linalg.norm(way)
-        self.ball = self.ball + way * min(1.0, most / far if far > 0.0 else 0.0)
+        self.ball = _on_the_way(self.ball, self._ball_goal, most)
         shift = np.zeros((len(self.scenario.obstacles), 3))
         shift[-1] = self.ball - self._ball_home
         self._obstacles.shift(self._obstacles_context, shift)
@@ -371,6 +373,13 @@ class LiveSimulation:
         forces.set_value([applied_force(self.plant, frames, push) for push in acting])
         port = self.plant.get_applied_spatial_force_input_port()
         port.FixValue(self._plant_context, forces)
+
+
+def _on_the_way(here: np.ndarray, goal: np.ndarray, most: float) -> np.ndarray:
+    """(..., 3) from here to a goal, each no farther than `most` [m]."""
+    way = goal - here
+    far = np.linalg.norm(way, axis=-1, keepdims=True)
+    return here + way * np.minimum(1.0, most / np.maximum(far, 1e-12))
 
 
 def accepted(check: Callable[[], object]) -> bool:
@@ -399,32 +408,3 @@ def make_ball(setup: Setup) -> MovingObstacle:
     _, y, z = np.vstack(wanted).mean(axis=0) if entries.size else points.mean(axis=0)
     place = Place(0.0, [float(x), float(y), float(z)])
     return MovingObstacle(BALL, _BALL_RADIUS, _BALL_SPEED, [place])
-
-
-def make_governor(motion: DesiredMotion, model: ControlModel) -> TargetGovernor:
-    """Bounds that let a motion pass, and what a person adds to it follow."""
-    layout = model.layout
-    count = int(min(max(motion.duration / 10e-3, 2), _MOST_SAMPLES))
-    samples = np.array(
-        [motion.tasks_at(t) for t in np.linspace(0.0, motion.duration, count)]
-    )
-    v = samples[:, layout.size_x : layout.size_x + layout.m]
-    a = samples[:, layout.size_x + layout.m :]
-    if not np.isfinite(samples).all():
-        raise CrarError("the motion has targets that are not finite")
-
-    def bounds(rows: np.ndarray, least: float) -> tuple[float, float]:
-        speed = np.linalg.norm(v[:, rows], axis=2).max(initial=0.0)
-        change = np.linalg.norm(a[:, rows], axis=2).max(initial=0.0)
-        # Where the motion turns round or stops its rate changes, at most so fast.
-        change += speed * (3.0 / turning_time(motion.duration) + 2.0)
-        return max(least, _ROOM * speed), max(least / _RISE, _ROOM * change)
-
-    governor = TargetGovernor()
-    if len(layout.linear_tasks):
-        speed, change = bounds(layout.linear_rows, _SPEED)
-        governor = replace(governor, speed=speed, acceleration=change)
-    if len(layout.angular_tasks):
-        speed, change = bounds(layout.angular_rows, _ANGULAR_SPEED)
-        governor = replace(governor, angular_speed=speed, angular_acceleration=change)
-    return governor

@@ -173,9 +173,7 @@ class PlaySession:
                 case "offset":
                     live.set_offset(request.task, np.array(request.value))
                 case "home":
-                    for task in range(len(live.offsets)):
-                        if live.offsets[task].any():
-                            live.set_offset(task, np.zeros(3))
+                    live.take_offsets_away()
                 case "ball":
                     live.set_ball(np.array(request.value))
                 case "ball away":

@@ -186,7 +186,7 @@ class TeleoperationServer:
         """
         self.motion = motion
         model = motion.model
-        self.stream = TargetStream(motion.layout, gate or Gate())
+        self.stream = TargetStream(motion.layout, gate or Gate(), motion.period)
         self.statistics = Statistics(targets=self.stream.counts)
         self.period = motion.period
         self.robot = FollowedRobot(model.position_names, latency, tracking_error)

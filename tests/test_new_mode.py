@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes import MODES, validate
+from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import load_robot_description
@@ -51,5 +51,5 @@ def test_the_pages_mode_is_chosen_by_its_name(with_the_pages_mode):
 
 
 def test_without_the_page_there_is_no_such_mode():
-    with pytest.raises(ScenarioError, match="'gentle' is none of none, paper, look"):
-        validate(CrarParameters(constraints="gentle"))
+    with pytest.raises(ScenarioError, match="'gentle' is unknown; known are"):
+        CrarParameters(constraints="gentle").validate()

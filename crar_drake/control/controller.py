@@ -114,8 +114,8 @@ class CrarController(LeafSystem):
             for all distances on the braking path one period on [m], and whether the
             present one is clear (1) or not (0), see `docs/theory/theorem.md`. The last
             two are NaN where a watched pair is not examined: one with a shape that is
-            neither a capsule nor a sphere, unless it is above a half space. All are NaN
-            unless constraints are "lookahead", and while it brakes without targets.
+            no capsule, sphere, box, mesh or half space. All are NaN unless constraints
+            are "lookahead", and while it brakes without targets.
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises

@@ -15,7 +15,6 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
-from crar_drake.control import modes
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ModelError, ScenarioError, nearest
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
@@ -179,7 +178,7 @@ class Scenario:
         Raises:
             ScenarioError: names the field, its value and the remedy.
         """
-        modes.validate(self.controller)
+        self.controller.validate()
         self.disturbances.validate()
         check_obstacles(self.obstacles)
         if self.standing is not None:

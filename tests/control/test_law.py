@@ -13,7 +13,6 @@ from small_robots import chain_urdf, free_of_constraints, make_model, random_sta
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
-from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import InputError
 from crar_drake.equations.admission import SCALED
@@ -177,7 +176,12 @@ def test_inertia_metric_has_the_least_kinetic_energy(on_rail):
 @pytest.mark.parametrize(
     "changes, message",
     [
-        ({"metric": "inertai"}, "metric: 'inertai' is none of identity, inertia"),
+        ({"metric": "inertai"}, "metric: 'inertai' is unknown; did you mean 'inertia'"),
+        (
+            {"constraints": "lookahed"},
+            r"controller\.constraints: 'lookahed' is unknown; did you mean 'lookahead'",
+        ),
+        ({"constraints": None}, "constraints: None is unknown; known are"),
         (
             {"metric": "inertia", "constraints": "lookahead"},
             "metric: 'inertia' belongs",
@@ -186,7 +190,7 @@ def test_inertia_metric_has_the_least_kinetic_energy(on_rail):
 )
 def test_variants_of_the_paper_are_for_its_own_constraints(changes, message):
     with pytest.raises(ScenarioError, match=message):
-        validate(CrarParameters(**({"constraints": "paper"} | changes)))
+        CrarParameters(**({"constraints": "paper"} | changes)).validate()
 
 
 def residual_of_eq_32(constraints: str, period: float) -> tuple[float, float, float]:

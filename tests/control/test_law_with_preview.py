@@ -14,7 +14,6 @@ from crar_drake import (
 )
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
-from crar_drake.control.modes import validate
 from crar_drake.control.parameters import BalanceParameters, CrarParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.task import Task, pose_tasks
@@ -205,7 +204,7 @@ def test_the_whole_diagram_keeps_its_constraints():
 def test_what_makes_no_sense_is_refused(ahead, said):
     parameters = replace(WITHOUT, lookahead=LookaheadParameters(**ahead))
     with pytest.raises(ScenarioError, match=said):
-        validate(parameters)
+        parameters.validate()
 
 
 def test_a_preview_brings_its_own_defaults():

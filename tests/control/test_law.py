@@ -181,7 +181,7 @@ def test_inertia_metric_has_the_least_kinetic_energy(on_rail):
             {"constraints": "lookahed"},
             r"controller\.constraints: 'lookahed' is unknown; did you mean 'lookahead'",
         ),
-        ({"constraints": None}, "constraints: None is unknown; known are"),
+        ({"constraints": 7}, "constraints: 7 is unknown; known are"),
         (
             {"metric": "inertia", "constraints": "lookahead"},
             "metric: 'inertia' belongs",

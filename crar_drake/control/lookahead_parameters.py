@@ -14,6 +14,9 @@ GUARD_NORMS = ("joints", "tasks")
 # How smoothly is planned [m s^2].
 _SMOOTHNESS = {"closest": 5.7e-5, "balanced": 8e-5, "calm": 2.3e-4}
 PRESETS = tuple(_SMOOTHNESS)
+# With less rounding is all that is left of what joints count: at a hundredth of it laws
+# find no plan. With this and more an adversary's do (docs/measurements/adversary.md).
+LEAST_SMOOTHNESS = 1e-6  # [m s^2]
 # With longer control periods a plan shakes: by default there is none [s].
 LONGEST_PLANNED_PERIOD = 0.01
 
@@ -114,7 +117,7 @@ class LookaheadParameters:
             0.1 where there are as many task rows as joints or more.
         smoothness: of the preview, what an acceleration of 1 rad/s^2 of a joint counts
             beside a task error of 1 m [m s^2]: the less, the more closely targets are
-            followed; by default that of the preset.
+            followed; by default that of the preset, and at least 1e-6.
         farthest_pull: of the preview, the error from which on a task pulls no more than
             from there [m or rad]; by default 0.01, and 0.05 with as many rows.
         tracking_error: E, how far each joint of a robot that follows commanded
@@ -174,6 +177,11 @@ class LookaheadParameters:
                     f"controller.lookahead.tracking_errors.{joint}: {error} must be "
                     "finite, and not negative"
                 )
+        if self.smoothness is not None and self.smoothness < LEAST_SMOOTHNESS:
+            raise ScenarioError(
+                f"controller.lookahead.smoothness: {self.smoothness:g} m s^2 must be "
+                f"at least {LEAST_SMOOTHNESS:g}: with less a plan drowns in rounding"
+            )
         if self.rho > LARGEST_RHO:
             raise ScenarioError(
                 f"controller.lookahead.rho: {self.rho:g} must be at most "

@@ -58,9 +58,9 @@ class LiveSimulation:
         model: the control model.
         period: of the controller [s].
         duration: of the motion [s].
-        offsets: (N, 3) added to the targets of the position and pose tasks, in the
-            order of `layout.linear_tasks` [m]; on their way to where a person wants
-            them.
+        offsets: (N, 3) from the motion to where a person wants the targets of the
+            position and pose tasks, in the order of `layout.linear_tasks` [m].
+        moved: (N, 3) what is added to these targets by now [m].
         clock: of the motion.
         ball: (3,) where the ball is that a person drags, an obstacle that moves [m];
             None where the robot keeps off none.
@@ -129,7 +129,7 @@ class LiveSimulation:
             )
             self._obstacles_context = self._obstacles.GetMyMutableContextFromRoot(root)
         self.offsets = np.zeros((len(self.model.layout.linear_tasks), 3))
-        self._goals = self.offsets.copy()
+        self.moved = self.offsets.copy()
         self.clock = MotionClock()
         self.events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self.pushes: list[Push] = []
@@ -196,14 +196,14 @@ class LiveSimulation:
         """
         if not 0 <= task < len(self.offsets):
             raise CrarError(f"there is no target {task}")
-        self._goals[task] = offset
+        self.offsets[task] = offset
         name = self.model.layout.names[self.model.layout.linear_tasks[task]]
         x, y, z = offset
         self._note_drag(f"{name} moved by", f"{x:.3f}, {y:.3f}, {z:.3f} m")
 
     def take_offsets_away(self) -> None:
         """Lets all targets move back to the motion's."""
-        for task in np.flatnonzero(self._goals.any(axis=1)):
+        for task in np.flatnonzero(self.offsets.any(axis=1)):
             self.set_offset(int(task), np.zeros(3))
 
     def set_ball(self, goal: np.ndarray | None) -> None:
@@ -287,8 +287,13 @@ class LiveSimulation:
         return self.scenario.obstacles[int(number)].name, link
 
     def targets(self) -> np.ndarray:
-        """(layout.size,) [x_d; v_d; a_d] as they are now, offsets included."""
+        """(layout.size,) [x_d; v_d; a_d] as they are now, `moved` included."""
         return self._sources[0].get_output_port().Eval(self._source_contexts[0])
+
+    def wanted(self) -> np.ndarray:
+        """(N, 3) where a person wants the targets of position and pose tasks [m]."""
+        at = self.targets()[self.model.layout.position_entries]
+        return at + self.offsets - self.moved
 
     def logged_scenario(self) -> Scenario:
         """The scenario that says what was done: its changes and pushes."""
@@ -335,11 +340,11 @@ class LiveSimulation:
 
     def _drag(self) -> None:
         """Moves targets on their way, for the next tick."""
-        layout, before = self.model.layout, self.offsets
-        self.offsets = _on_the_way(before, self._goals, _SPEED * self.period)
+        layout, before = self.model.layout, self.moved
+        self.moved = _on_the_way(before, self.offsets, _SPEED * self.period)
         x, v = np.zeros(layout.size_x), np.zeros(layout.m)
-        x[layout.position_entries] = self.offsets
-        v[layout.linear_rows] = (self.offsets - before) / self.period
+        x[layout.position_entries] = self.moved
+        v[layout.linear_rows] = (self.moved - before) / self.period
         self._sources[0].set_offset(self._source_contexts[0], x, v)
 
     def _roll(self) -> None:

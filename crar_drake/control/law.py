@@ -20,7 +20,7 @@ from crar_drake.control.balance import Balance
 from crar_drake.control.effort_limits import EffortLimits
 from crar_drake.control.lateness import LATEST, Lateness, watch_lateness
 from crar_drake.control.law_among import LawAmong
-from crar_drake.control.modes import MODES
+from crar_drake.control.modes import MODES, validate
 from crar_drake.control.obstacles import Obstacles, Regions
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.plausible import PlausibleStates
@@ -88,7 +88,7 @@ class ControlLaw:
             raise ModelError("give the control model at least one task")
         self.model = model
         self.parameters = parameters or CrarParameters()
-        self.parameters.validate()
+        validate(self.parameters)
         gains = self.parameters
         # Always of one type, lest functions be compiled for another.
         self._blend_time = float(gains.blend_time)

@@ -21,6 +21,8 @@ from crar_drake.robot.description import find_joint, is_speed_limit
 if TYPE_CHECKING:
     from crar_drake.robot.model import ControlModel
 
+# Of what `control.modes.MODES` has the classes.
+CONSTRAINTS = ["none", "paper", "lookahead"]
 LEVELS = ("velocity", "acceleration")
 METRICS = ("identity", "inertia")
 
@@ -127,16 +129,14 @@ class CrarParameters:
     balance: BalanceParameters | None = None
 
     def validate(self) -> None:
-        """Checks every field, and that they go with the constraint mode; YAML loading
-        does not.
+        """Checks every field; YAML loading does not.
+
+        `control.modes.validate` also asks the constraint mode whether they go with it.
 
         Raises:
             ScenarioError: names the field, its value and what it may be.
         """
-        # Modes are made with parameters.
-        from crar_drake.control.modes import MODES
-
-        check_choice("controller", self, "constraints", tuple(MODES))
+        check_choice("controller", self, "constraints", tuple(CONSTRAINTS))
         check_choice("controller", self, "level", LEVELS)
         check_choice("controller", self, "distances", DISTANCES)
         check_choice("controller", self, "metric", METRICS)
@@ -170,7 +170,6 @@ class CrarParameters:
                     "braking path; use lookahead"
                 )
         self._check_gains()
-        MODES[self.constraints].check(self)
 
     def _check_gains(self) -> None:
         """Raises ScenarioError where the feedback diverges in discrete time.

@@ -15,6 +15,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
+from crar_drake.control import modes
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ModelError, ScenarioError, nearest
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
@@ -178,7 +179,7 @@ class Scenario:
         Raises:
             ScenarioError: names the field, its value and the remedy.
         """
-        self.controller.validate()
+        modes.validate(self.controller)
         self.disturbances.validate()
         check_obstacles(self.obstacles)
         if self.standing is not None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from crar_drake.control import modes
 from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import load_robot_description
@@ -122,7 +123,7 @@ def _make_motion(
             constraints="lookahead",
             period=period,
         )
-        parameters.validate()
+        modes.validate(parameters)
     except ScenarioError as error:
         raise ScenarioError(f"--rate {rate:g}: {error}") from error
     description = load_robot_description(robot or loaded.robot)

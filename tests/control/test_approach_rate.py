@@ -10,6 +10,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from crar_drake import ControlModel, load_robot_description, position_tasks
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
+from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ScenarioError
 
@@ -205,6 +206,6 @@ def test_a_rate_too_high_for_the_period_is_refused():
         )
         if refused:
             with pytest.raises(ScenarioError, match=r"approach_rate.*at most 50/s"):
-                parameters.validate()
+                validate(parameters)
         else:
-            parameters.validate()
+            validate(parameters)

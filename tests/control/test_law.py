@@ -13,6 +13,7 @@ from small_robots import chain_urdf, free_of_constraints, make_model, random_sta
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
+from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import InputError
 from crar_drake.equations.admission import SCALED
@@ -178,11 +179,6 @@ def test_inertia_metric_has_the_least_kinetic_energy(on_rail):
     [
         ({"metric": "inertai"}, "metric: 'inertai' is unknown; did you mean 'inertia'"),
         (
-            {"constraints": "lookahed"},
-            r"controller\.constraints: 'lookahed' is unknown; did you mean 'lookahead'",
-        ),
-        ({"constraints": 7}, "constraints: 7 is unknown; known are"),
-        (
             {"metric": "inertia", "constraints": "lookahead"},
             "metric: 'inertia' belongs",
         ),
@@ -190,7 +186,15 @@ def test_inertia_metric_has_the_least_kinetic_energy(on_rail):
 )
 def test_variants_of_the_paper_are_for_its_own_constraints(changes, message):
     with pytest.raises(ScenarioError, match=message):
-        CrarParameters(**({"constraints": "paper"} | changes)).validate()
+        validate(CrarParameters(**({"constraints": "paper"} | changes)))
+
+
+def test_unknown_constraints_are_refused_by_the_parameters_themselves():
+    said = r"controller\.constraints: 'lookahed' is unknown; did you mean 'lookahead'"
+    with pytest.raises(ScenarioError, match=said):
+        CrarParameters(constraints="lookahed").validate()
+    with pytest.raises(ScenarioError, match="constraints: 7 is unknown; known are"):
+        CrarParameters(constraints=7).validate()
 
 
 def residual_of_eq_32(constraints: str, period: float) -> tuple[float, float, float]:

@@ -12,6 +12,7 @@ from small_robots import add_plant, chain_urdf
 
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
+from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.control.records import InputError
 from crar_drake.errors import ScenarioError
@@ -278,7 +279,7 @@ def test_policy_must_be_known():
 
 def test_velocity_level_is_refused():
     with pytest.raises(ScenarioError, match="controller.level.*acceleration"):
-        CrarParameters(level="velocity", constraints="lookahead").validate()
+        validate(CrarParameters(level="velocity", constraints="lookahead"))
 
 
 def test_log_and_summary_count_the_samples_without_targets():

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
         BalanceParameters,
         CrarParameters,
         LookaheadParameters,
-        TargetGovernor,
     )
     from crar_drake.control.records import InputError, Solution
     from crar_drake.control.safety_filter import (
@@ -73,7 +72,6 @@ _MODULES = {
     "SimulationLog": "results.log",
     "Solution": "control.records",
     "StandingLaw": "control.standing_law",
-    "TargetGovernor": "control.parameters",
     "Task": "robot.task",
     "TaskLayout": "equations.tasks",
     "add_contact_ground": "simulation.contact_ground",
@@ -112,7 +110,6 @@ __all__ = [
     "SimulationLog",
     "Solution",
     "StandingLaw",
-    "TargetGovernor",
     "Task",
     "TaskLayout",
     "add_contact_ground",

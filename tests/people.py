@@ -1,10 +1,10 @@
 """People who run at a robot whose commands the safety filter passes.
 
-Spheres and capsules of bounded speed run at its links: straight at the nearest or the
-fastest, or away, with jumps of direction, and from anywhere again after they stood in
-the robot. They are measured in every period, or lost for a while, or measured with
-noise. A violation is a contact (distance at most 0) while the surface of the link is
-faster there than `lookahead.contact_speed`.
+Spheres of bounded speed run at its links: straight at the nearest or the fastest, or
+away, with jumps of direction, and from anywhere again after they stood in the robot.
+They are measured in every period, or lost for a while. A violation is a contact
+(distance at most 0) while the surface of the link is faster there than
+`lookahead.contact_speed`.
 
 What is judged are Drake's poses of links, on the straight line between commands, with
 distances and speeds of their own (`judging.obstacle_judge`): nothing of the filter
@@ -26,7 +26,7 @@ FASTEST = 2.0  # of people [m/s]
 INSTANTS = 4  # that are judged in each period
 # Of the start (n,) and the dice.
 MakePolicy = Callable[[np.ndarray, np.random.Generator], Policy]
-MEASURED = ("exactly", "exactly", "at times", "with noise")
+MEASURED = ("exactly", "exactly", "at times")
 
 
 def witness_of(filter: SafetyFilter) -> ObstacleJudge:
@@ -37,22 +37,18 @@ def witness_of(filter: SafetyFilter) -> ObstacleJudge:
 
 @dataclass
 class Person:
-    """A sphere that runs, or a capsule, whose other end follows.
+    """A sphere that runs.
 
     Attributes:
         where: (3,) [m].
         radius: [m].
-        end: (3,) of a capsule's axis [m]; None of a sphere.
         fastest: bound of the speed [m/s].
-        lean: (3,) where a capsule's end wants to be, from the other one [m].
         until, aim: periods until it thinks again; what it then wants.
     """
 
     where: np.ndarray
     radius: float
     fastest: float
-    end: np.ndarray | None = None
-    lean: np.ndarray = field(default_factory=lambda: np.zeros(3))
     until: int = 0
     aim: str = "nearest"
     way: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -66,7 +62,6 @@ class Person:
             self.until = int(rng.uniform(0.02, 0.8) / period)
             self.aim = rng.choice(["nearest", "fastest", "straight", "stand", "away"])
             self.way = rng.normal(size=3)
-            self.lean = rng.normal(size=3) * rng.uniform(0.0, 0.5)
         places, (d, speed) = witness.places(), seen
         if self.aim == "nearest":
             way = places[np.argmin(d[:, index])] - self.where
@@ -80,14 +75,6 @@ class Person:
         # Not beyond what it runs at.
         beyond = self.aim not in ("nearest", "fastest")
         self.where = self.where + _stride(way, most, beyond)
-        if self.end is not None:
-            way = self.where + self.lean - self.end
-            self.end = self.end + _stride(way, most, False)
-
-    @property
-    def far_end(self) -> np.ndarray:
-        """(3,) where its axis ends; of a sphere where it is [m]."""
-        return self.where if self.end is None else self.end
 
 
 def _stride(way: np.ndarray, most: float, beyond: bool) -> np.ndarray:
@@ -158,59 +145,44 @@ def run_at(
         way = rng.normal(size=3)
         where = middle + rng.uniform(0.3, 1.5) * way / np.linalg.norm(way)
         one = Person(where, rng.uniform(0.02, 0.3), rng.uniform(0.1, 1.0) * FASTEST)
-        if rng.random() < 0.5:
-            one.end = where + rng.normal(size=3) * rng.uniform(0.0, 0.5)
-        d, _ = witness.look(q, v, *_axes([one], np.array([one.radius])))
+        d, _ = witness.look(q, v, where[None], np.array([one.radius]))
         if d.min() > 0.02:
             people.append(one)
     sizes = np.array([one.radius for one in people])
     speeds = np.array([one.fastest for one in people])
     how = MEASURED[rng.integers(len(MEASURED))]
-    noise = 0.01 if how == "with noise" else 0.0
     names = tuple(f"person {i}" for i in range(len(people)))
-    names = names if noise or rng.random() < 0.5 else None
+    names = names if rng.random() < 0.5 else None
     lost = 0
-    seen = witness.look(q, v, *_axes(people, sizes))
+    centres = _centres(people)
+    seen = witness.look(q, v, centres, sizes)
     with np.errstate(all="ignore"):
         for k in range(num_steps):
-            centres, _, ends = _axes(people, sizes)
-            off = rng.normal(size=centres.shape)
-            off *= (
-                noise
-                * rng.uniform(0.0, 1.0)
-                / np.linalg.norm(off, axis=1, keepdims=True)
-            )
-            given = Obstacles(
-                *(centres + off, sizes + noise, speeds, names),
-                noisy=noise > 0.0,
-                ends=ends + off,
-            )
+            given = Obstacles(centres, sizes, speeds, names)
             if how == "at times" and k:
                 lost = int(rng.integers(1, 30)) if rng.random() < 0.1 else lost - 1
             command = filter(**wants(k, q, v), obstacles=None if lost > 0 else given)
             for i, one in enumerate(people):
                 one.step(period, witness, seen, i, rng)
-            after, _, ends_after = _axes(people, sizes)
+            after = _centres(people)
             for share in np.linspace(0.0, 1.0, INSTANTS + 1)[1:]:
                 seen = witness.look(
                     q + share * (command.q - q),
                     (command.q - q) / period,
                     centres + share * (after - centres),
                     sizes,
-                    ends + share * (ends_after - ends),
                 )
                 tally.judge(*seen, filter.parameters.lookahead.contact_speed)
-            q, v = command.q, command.v
+            q, v, centres = command.q, command.v, after
             tally.steps += 1
             tally.nominal += command.report.how == NOMINAL
             tally.changed += command.report.obstacle is not None
     return tally
 
 
-def _axes(people: list[Person], sizes: np.ndarray) -> tuple[np.ndarray, ...]:
-    """(N, 3) where people's axes begin, (N,) their sizes, (N, 3) where they end [m]."""
-    begin = np.array([one.where for one in people])
-    return begin, sizes, np.array([one.far_end for one in people])
+def _centres(people: list[Person]) -> np.ndarray:
+    """(N, 3) where they are [m]."""
+    return np.array([one.where for one in people])
 
 
 def _middle(witness: ObstacleJudge, q: np.ndarray, v: np.ndarray) -> np.ndarray:

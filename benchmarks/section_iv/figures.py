@@ -30,7 +30,6 @@ COLOURS = {
     "acceleration": "tab:green",
     "lookahead": "tab:blue",
     "inertia": "tab:purple",
-    "adaptive-gain": "tab:brown",
     "less-damping": "tab:pink",
 }
 _HANDS = "left_hand - right_hand"

@@ -118,7 +118,6 @@ def check_findings(
         _error_between_levels(data, EXPERIMENT_2),
         _power_alike_between_levels(data),
         _inertia(data),
-        _adaptive_gain(data),
     ]
 
 
@@ -473,42 +472,6 @@ def _inertia(data: Data) -> Finding:
         "on each motion, less power than with the paper's W",
         all(r < 1.0 for r in power.values()),
         f"power {_percent(power)}; error {_percent(error)}",
-    )
-
-
-def _adaptive_gain(data: Data) -> Finding:
-    over, under = (EXPERIMENT_1, "adaptive-gain"), (EXPERIMENT_1, "acceleration")
-    error = data.ratios("rms_task_error", over, under)
-    power = data.ratios("mean_power", over, under)
-    shares = {
-        motion: tuple(
-            data.of(motion, *key).details.violated_share for key in (over, under)
-        )
-        for motion in data.plan.motions
-    }
-    return Finding(
-        "Section III-D",
-        "A Gv that is small away from constraints and large near them improves the "
-        "behaviour (the paper leaves open in what; here: constraints are violated "
-        "less, at no significantly larger error).",
-        "on each motion, fewer samples in violation, and the error at most a quarter "
-        "more",
-        all(a <= b for a, b in shares.values())
-        and all(r < 1.0 + SIGNIFICANT for r in error.values()),
-        "in violation: "
-        + ", ".join(
-            f"{clip_label(m)} {_share(a)} instead of {_share(b)}"
-            for m, (a, b) in shares.items()
-        )
-        + f"; error {_percent(error)}; power {_percent(power)}",
-        " ".join(
-            f"{clip_label(m)}: the error outside violations is "
-            f"{_mm(a.error_otherwise)} instead of {_mm(b.error_otherwise)}; away from "
-            "constraints the small Gv follows the joint rates of Eq. 15 more slowly."
-            for m in _failing(error, lambda r: r < 1.0 + SIGNIFICANT)
-            for a in [data.of(m, *over).details]
-            for b in [data.of(m, *under).details]
-        ),
     )
 
 

@@ -37,7 +37,6 @@ SERIES = {
 # The improvements that the paper names, of the acceleration level in Experiment 1.
 VARIANTS = {
     "inertia": replace(PAPER, metric="inertia"),
-    "adaptive-gain": replace(PAPER, Gv=10.0, Gv_near=100.0),
     "less-damping": replace(PAPER, damping=0.05),
 }
 
@@ -50,7 +49,6 @@ LABELS = {
     "acceleration": "acceleration level",
     "lookahead": "lookahead",
     "inertia": "inertia in W",
-    "adaptive-gain": "adaptive Gv, 10 to 100/s",
     "less-damping": "λ = 0.05 m",
 }
 

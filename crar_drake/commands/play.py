@@ -34,16 +34,16 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "play",
         run,
-        "Simulate a scenario live in a browser: drag targets, push the robot, change "
-        "constraints and gains while it moves. Ctrl-C ends it and keeps a recording.",
+        "Simulate a scenario live in a browser: drag targets and push the robot while "
+        "it moves. Ctrl-C ends it and keeps a recording.",
     )
     add_scenario(parser)
     parser.add_argument(
         "--constraints",
         choices=CONSTRAINTS,
         default="lookahead",
-        help="what to begin with (default: %(default)s); with the others nothing is "
-        "guaranteed",
+        help="instead of the scenario's (default: %(default)s); with the others "
+        "nothing is guaranteed",
     )
     parser.add_argument(
         "--period",
@@ -139,7 +139,6 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
     override_motion(scenario, arguments)
     scenario.controller.constraints = arguments.constraints
     scenario.controller.period = arguments.period
-    scenario.controller.torque_period = None
     scenario.validate()
 
 

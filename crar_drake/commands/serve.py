@@ -25,13 +25,13 @@ _STDERR = 2  # the descriptor
 # As crar_drake.teleoperation.target_stream.Gate has them, which takes long to import; a
 # test compares them.
 GATE = {
-    "speed": ("M/S", 1.5, "targets that are faster are slowed down to it"),
+    "speed": ("M/S", 1.5, "targets that are faster are approached at it"),
     "angular_speed": ("RAD/S", 6.0, "the same of orientations"),
     "joint_speed": (
         "RAD/S",
         3.0,
-        "tasks that are joints count as clamped if they are faster, and go on to the "
-        "governor as they are: the robot's own speed limits slow them down",
+        "tasks that are joints count as clamped if they are faster, and pass as they "
+        "are: the robot's own speed limits slow them down",
     ),
     "distance": ("M", 1.0, "targets farther from the robot's point are rejected"),
     "timeout": ("S", 0.25, "without targets for so long the robot brakes"),
@@ -44,7 +44,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "serve",
         run,
-        "Take targets of hands and other points over UDP or LCM, and answer with "
+        "Take targets of hands and other points over UDP, and answer with "
         "joint positions and torques that keep the robot from running into itself. "
         "docs/guides/teleoperation.md has the messages.",
     )
@@ -83,15 +83,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         type=int,
         default=_PORT,
         help="of UDP; 0 takes a free one (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--lcm",
-        nargs="?",
-        const="udpm://239.255.76.67:7667?ttl=0",
-        default="",
-        metavar="URL",
-        help="take targets from LCM, too, and publish the commands there (default "
-        "URL: %(const)s)",
     )
     for name, (unit, default, text) in GATE.items():
         parser.add_argument(
@@ -152,7 +143,6 @@ def run(arguments: argparse.Namespace) -> None:
             gate=Gate(**{name: getattr(arguments, name) for name in GATE}),
             host=arguments.host,
             port=arguments.port,
-            lcm_url=arguments.lcm,
         )
     host, port = server.address
     host = f"[{host}]" if ":" in host else host
@@ -161,8 +151,6 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"{model.description.name}: UDP at {host}:{port}", flush=True)
     before = "the robot to say where it is, then for " if measured else ""
     print(f"waits for {before}targets of {tasks}; Ctrl-C ends it", flush=True)
-    if arguments.lcm:
-        print(f"LCM at {arguments.lcm}", flush=True)
     with ctrl_c() as interrupts:
         try:
             server.run(

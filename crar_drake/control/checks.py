@@ -5,7 +5,7 @@ from dataclasses import fields
 from numbers import Real
 from typing import Any
 
-from crar_drake.errors import ScenarioError
+from crar_drake.errors import ScenarioError, nearest
 
 
 def check_choice(
@@ -15,7 +15,7 @@ def check_choice(
     value = getattr(parameters, name)
     if value not in choices:
         raise ScenarioError(
-            f"{where}.{name}: {value!r} is none of {', '.join(choices)}"
+            f"{where}.{name}: {value!r} is unknown{nearest(str(value), choices)}"
         )
 
 

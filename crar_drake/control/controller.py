@@ -21,13 +21,11 @@ from pydrake.systems.framework import (
 from crar_drake.control.diagnostics import OF_LAW, Diagnostic
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes import MODES
-from crar_drake.control.modes.fading import FadingMode, without_fading
 from crar_drake.control.obstacle_port import ObstaclePort
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import InputError, Memory, Solution, check_finite
 from crar_drake.equations.references import Targets
 from crar_drake.equations.vectors import is_finite
-from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
@@ -110,17 +108,16 @@ class CrarController(LeafSystem):
             for all distances on the braking path one period on [m], and whether the
             present one is clear (1) or not (0), see `docs/theory/theorem.md`. The last
             two are NaN where a watched pair is not examined: one with a shape that is
-            neither a capsule nor a sphere, unless it is above a half space. All are NaN
-            unless constraints are "lookahead", and while it brakes without targets.
+            no capsule, sphere, box, mesh or half space. All are NaN unless constraints
+            are "lookahead", and while it brakes without targets.
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises
-    them, the inverse dynamics of Eq. (29), is computed anew at each torque tick, at
-    t = 0, torque period, 2 torque period, ..., on the state of that instant
-    (`CrarParameters.torque_period`): a torque that is held is not an acceleration that
-    is held. Every control tick is a torque tick; there the law comes first, and its
-    torque is that of the tick. In between only the torque changes, and NaN among the
-    targets is not seen.
+    them, the inverse dynamics of Eq. (29), is computed anew at each torque tick, on the
+    state of that instant, `CrarParameters.torque_ticks` times a control period: a
+    torque that is held is not an acceleration that is held. Every control tick is a
+    torque tick; there the law comes first, and its torque is that of the tick. In
+    between only the torque changes, and NaN among the targets is not seen.
 
     There is no delay. Where the plant is discrete, its own update happens at the same
     instant as the controller's, so the outputs then answer from the new state already;
@@ -134,8 +131,8 @@ class CrarController(LeafSystem):
 
     Limits: joints with as many velocities as positions, all actuated, on a base that is
     fixed; the plant's torque is exact where its model is the control model's, time step
-    included, and the acceleration is exactly held where the torque period is the
-    plant's step.
+    included, and the acceleration is exactly held where each of its steps is a torque
+    tick.
     """
 
     def __init__(
@@ -311,44 +308,6 @@ class CrarController(LeafSystem):
             )
         raise AttributeError(f"CrarController has no attribute {name!r}")
 
-    def TakeOver(self, context: Context, parameters: CrarParameters) -> None:
-        """Goes on by a law with other gains or constraints, from the next tick on.
-
-        Accelerations do not jump: see `modes.fading`. A governor goes on from where it
-        is if its bounds stay. The law is the system's, not the context's: of a diagram
-        that several simulators run, all go on by it.
-
-        Braking over a longer time (`lookahead.horizon`, or a smaller Gv) leads farther:
-        if that path is not clear, `admission` says so in its last number, and
-        nothing is proved until it is clear again. A shorter time keeps the claim.
-
-        Call it between two ticks: outputs of the present one that were read already
-        were those of the law before.
-
-        Args:
-            context: of the controller, in a simulation.
-            parameters: with the same periods, level aside.
-
-        Raises:
-            ScenarioError: a parameter is out of range or a period another one; or the
-                law draws the null space to a posture, for which there is no port.
-        """
-        law = ControlLaw(self.model, parameters)
-        old, new = self.law.parameters, law.parameters
-        if (new.period, new.torque_period) != (old.period, old.torque_period):
-            raise ScenarioError("controller.period: it cannot change in a simulation")
-        if new.posture_gain and self._posture_port is None:
-            raise ScenarioError(
-                "controller.nominal_posture_gain: the controller was made without it"
-            )
-        law.mode = FadingMode(law.mode, self.law.mode, self.model, new.period)
-        law.target_names = self.law.target_names
-        law.take_over_obstacles(self.law)
-        memory = without_fading(self._GetHeld(context))
-        if new.governor != old.governor:
-            memory = replace(memory, governed=None)
-        self.law = law
-        context.get_mutable_abstract_state(self._held_index).set_value(memory)
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
         solution = self._EvalSolution(context)
@@ -405,7 +364,7 @@ class CrarController(LeafSystem):
             # A run that begins between control ticks. The next one comes too early to
             # tell what the plant does in a period.
             solve.memory = replace(
-                solve.memory, torque_tick=torque_tick, continues=False, governed=None
+                solve.memory, torque_tick=torque_tick, continues=False
             )
 
     def _EvalPort(self, port: InputPort | None, context: Context) -> np.ndarray:

@@ -35,7 +35,6 @@ from crar_drake.control.records import (
     check_finite,
 )
 from crar_drake.equations.blending import smooth_step
-from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead_rows import resting_configuration
 from crar_drake.equations.prediction import state_ahead
@@ -44,7 +43,6 @@ from crar_drake.equations.references import (
     BlendStart,
     Targets,
     TaskGains,
-    error_from_targets,
 )
 from crar_drake.equations.vectors import is_finite
 from crar_drake.errors import ModelError
@@ -105,7 +103,6 @@ class ControlLaw:
         self._rest_posture = self._rest[model.controlled_positions]
         self._has_limits = np.isfinite(model.upper - model.lower)
         self._with_posture = gains.posture_gain > 0.0
-        self._target_bounds = gains.governor.bounds()
         self.speed_limits = gains.speed_limits(model)
         task_gains = TaskGains(
             float(gains.K),
@@ -134,15 +131,6 @@ class ControlLaw:
             ScenarioError: the robot or the parameters do not go with them.
         """
         return LawAmong(self.model, self.parameters)
-
-    def take_over_obstacles(self, before: ControlLaw) -> None:
-        """Goes on with what keeps the robot off obstacles in a law before, where that
-        goes with this one: it takes a twentieth of a second to make.
-        """
-        made = vars(before).get("among")
-        unused = not self.mode.keeps_off_obstacles
-        if made is not None and (unused or made.goes_with(self.parameters)):
-            vars(self)["among"] = made
 
     def compile(self, obstacles: bool = False) -> None:
         """Compiles what has yet to be, by a step at rest that leaves nothing behind.
@@ -339,9 +327,6 @@ class ControlLaw:
         if start is None:
             start_time, start = time, self._start(measured)
         blend = smooth_step(time - start_time, self._blend_time)
-        tasks, governed = targets.tasks, None
-        if self._target_bounds is not None:
-            tasks = governed = self._govern(before.governed, measured, targets.tasks)
         posture = targets.posture
         if self._with_posture and blend[0] < 1.0:
             # As the targets, lest the first step be a jerk.
@@ -351,12 +336,10 @@ class ControlLaw:
         solution = mode.resolve(
             workspace,
             measured,
-            Targets(tasks, targets.prescribed, posture, start, blend),
+            Targets(targets.tasks, targets.prescribed, posture, start, blend),
             before if before.continues else None,
             **({"efforts": rows} if mode.plans else {}),
         )
-        if governed is not None and not np.array_equal(governed, targets.tasks):
-            solution.task_error = self._error(measured, targets.tasks)
         if not is_finite(solution.acceleration):
             # A quaternion of zero length is a number, but no orientation.
             if is_finite(solution.task_error):
@@ -379,7 +362,6 @@ class ControlLaw:
             continues=True,
             start_time=start_time,
             start=start,
-            governed=governed,
             regions=regions,
             sent=self._sent(before, solution),
             lateness=lateness,
@@ -476,32 +458,6 @@ class ControlLaw:
     def _sent(self, before: Memory, solution: Solution) -> tuple[np.ndarray, ...]:
         """`Memory.sent` after a step with this solution."""
         return (solution.acceleration, *before.sent)[: self._num_sent]
-
-    def _govern(
-        self, before: np.ndarray | None, measured: Measured, tasks: np.ndarray
-    ) -> np.ndarray:
-        """The governed targets, [x; v; a] (layout.size,).
-
-        They begin at the measured pose and velocity where there are none of a period
-        ago: in the first step, after a gap in time, and when targets that were lost are
-        back.
-        """
-        rows, bounds = self.model.layout.rows, self._target_bounds
-        if before is None:
-            state = self.model.state_here(measured)
-            joints = state.q[self.model.layout.rows.joints]
-            pose = self.model.layout.pack(state.R, state.p, q=joints)
-            before = start_governor(pose, state.J @ state.v, rows, bounds, self._period)
-        return govern_tasks(
-            np.ascontiguousarray(tasks), before, rows, bounds, self._period
-        )
-
-    def _error(self, measured: Measured, tasks: np.ndarray) -> np.ndarray:
-        """Eq. (11) against any targets, (m,)."""
-        state = self.model.state_here(measured)
-        return error_from_targets(
-            state.q, state.R, state.p, tasks, self.model.layout.rows
-        )
 
     @property
     def brakes_without_targets(self) -> bool:

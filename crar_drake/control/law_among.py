@@ -61,7 +61,6 @@ class LawAmong:
                 "controller.period the other"
             )
         ahead = gains.lookahead
-        self._made_of = _what_counts(gains)
         usual = filter_parameters(period)
         # Prescribed joints are the filter's, too.
         limits = gains.speed_limits(model)[model.controlled]
@@ -82,10 +81,6 @@ class LawAmong:
             velocity_limits=dict(zip(model.joint_names, limits.tolist(), strict=True)),
         )
         self.filter.among  # noqa: B018 (what does not go with them is refused now)
-
-    def goes_with(self, gains: CrarParameters) -> bool:
-        """Whether it is that of a law with other gains, too."""
-        return self._made_of == _what_counts(gains)
 
     def compile(self) -> None:
         """Compiles what has yet to be."""
@@ -141,19 +136,6 @@ class LawAmong:
             solution.acceleration = (left.v - v) / period
             solution.obstacle = self.filter.ran_into(regions, found)
         return changed, later
-
-
-def _what_counts(gains: CrarParameters) -> tuple:
-    """What of a law's parameters is the filter's, too."""
-    return (
-        gains.period,
-        gains.lookahead,
-        gains.braking_horizon,
-        gains.longest_braking_horizon,
-        gains.limits_efforts,
-        gains.velocity_scale,
-        gains.velocity_limits,
-    )
 
 
 def _as_told(solution: Solution | None, q: np.ndarray, v: np.ndarray) -> bool:

@@ -14,6 +14,9 @@ GUARD_NORMS = ("joints", "tasks")
 # How smoothly is planned [m s^2].
 _SMOOTHNESS = {"closest": 5.7e-5, "balanced": 8e-5, "calm": 2.3e-4}
 PRESETS = tuple(_SMOOTHNESS)
+# With less rounding is all that is left of what joints count: at a hundredth of it laws
+# find no plan. With this and more an adversary's do (docs/measurements/adversary.md).
+LEAST_SMOOTHNESS = 1e-6  # [m s^2]
 # With longer control periods a plan shakes: by default there is none [s].
 LONGEST_PLANNED_PERIOD = 0.01
 
@@ -67,9 +70,8 @@ class LookaheadParameters:
     """Parameters of the constraint mode "lookahead", see `equations.lookahead`.
 
     Attributes:
-        horizon: T, over which the robot could brake [s]; a law with a longer one that
-            takes over in mid-motion has yet to find its path clear; by default 12 ms or
-            1.6 control periods, whichever is longer, and without a preview 2.5 / Gv.
+        horizon: T, over which the robot could brake [s]; by default 12 ms or 1.6
+            control periods, whichever is longer, and without a preview 2.5 / Gv.
         longest_horizon: over which it may brake where motors have not the torque to
             brake within `horizon`, as long as that path is clear, too [s], and over
             some in between, see `longer_horizons`; by default 2.5 / Gv if that is
@@ -115,7 +117,7 @@ class LookaheadParameters:
             0.1 where there are as many task rows as joints or more.
         smoothness: of the preview, what an acceleration of 1 rad/s^2 of a joint counts
             beside a task error of 1 m [m s^2]: the less, the more closely targets are
-            followed; by default that of the preset.
+            followed; by default that of the preset, and at least 1e-6.
         farthest_pull: of the preview, the error from which on a task pulls no more than
             from there [m or rad]; by default 0.01, and 0.05 with as many rows.
         tracking_error: E, how far each joint of a robot that follows commanded
@@ -175,6 +177,11 @@ class LookaheadParameters:
                     f"controller.lookahead.tracking_errors.{joint}: {error} must be "
                     "finite, and not negative"
                 )
+        if self.smoothness is not None and self.smoothness < LEAST_SMOOTHNESS:
+            raise ScenarioError(
+                f"controller.lookahead.smoothness: {self.smoothness:g} m s^2 must be "
+                f"at least {LEAST_SMOOTHNESS:g}: with less a plan drowns in rounding"
+            )
         if self.rho > LARGEST_RHO:
             raise ScenarioError(
                 f"controller.lookahead.rho: {self.rho:g} must be at most "

@@ -47,15 +47,13 @@ _ROUNDING = 1e-9
 
 
 class Obstacles:
-    """N spheres or capsules, measured now; never changed.
+    """N spheres, measured now; never changed.
 
     Attributes:
-        centres: (N, 3) in the world [m]; of capsules one end of the axis, and
-        ends: (N, 3) the other one; of spheres the same [m].
+        centres: (N, 3) in the world [m].
         radii: (N,) [m].
         speeds: (N,) no point of them is faster, until they are measured again [m/s].
         names: (N,) of each; None where nobody says which is which.
-        noisy: whether each is in its sphere, but where that is comes with noise.
     """
 
     def __init__(
@@ -64,23 +62,13 @@ class Obstacles:
         radii: ArrayLike,
         speeds: ArrayLike,
         names: tuple[str, ...] | None = None,
-        noisy: bool = False,
-        ends: ArrayLike | None = None,
     ) -> None:
         """
         Args:
-            centres: (N, 3) in the world [m]; of capsules one end of the axis.
+            centres: (N, 3) in the world [m].
             radii, speeds: (N,), or one for all [m], [m/s].
             names: (N,) of each, each once; those of a call before that have the same
                 names are the same.
-            noisy: whether a sphere is the one measured, with a radius larger by what
-                that may be wrong. Of a named one that the state is not clear of, what
-                is left of the call before is then kept instead if the two meet: noise
-                alone makes nothing unsafe. A late call that keeps it is one, too: leave
-                it out where periods are not kept.
-
-            ends: (N, 3) of capsules the other end [m], none of which is faster than its
-                speed either; by default all are spheres.
 
         Raises:
             InputError: a size is wrong, or a number is none, or negative.
@@ -90,9 +78,6 @@ class Obstacles:
             if not centres.size:
                 centres = centres.reshape(0, 3)
             n = len(centres)
-            ends = centres if ends is None else np.array(ends, dtype=float, order="C")
-            if not ends.size:
-                ends = ends.reshape(0, 3)
             radii, speeds = (
                 np.array(np.broadcast_to(np.asarray(x, dtype=float), (n,)))
                 for x in (radii, speeds)
@@ -102,29 +87,25 @@ class Obstacles:
                 "obstacles: give (N, 3) centres, (N,) radii and (N,) speeds, or one "
                 f"radius or speed for all: {error}"
             ) from None
-        places = {"centres": centres, "ends": ends}
-        for what, value in places.items():
-            if value.shape != (n, 3):
-                raise InputError(
-                    f"obstacles: {what} have shape {value.shape}; it must be (N, 3)"
-                )
-        for what, value in {**places, "radii": radii, "speeds": speeds}.items():
-            bad = ~np.isfinite(value) | ((value < 0.0) & (what not in places))
+        if centres.shape != (n, 3):
+            raise InputError(
+                f"obstacles: centres have shape {centres.shape}; it must be (N, 3)"
+            )
+        sizes = {"radii": radii, "speeds": speeds}
+        for what, value in {"centres": centres, **sizes}.items():
+            bad = ~np.isfinite(value) | ((value < 0.0) & (what in sizes))
             if bad.any():
                 of = np.flatnonzero(bad.reshape(n, -1).any(axis=1))[0]
                 raise InputError(
                     f"obstacles: {what} of sphere {of} are {value[of]}: they must be "
-                    f"finite{'' if what in places else ' and not negative'}"
+                    f"finite{' and not negative' if what in sizes else ''}"
                 )
         if names is not None:
             names = tuple(map(str, names))
             if len(names) != n or len(set(names)) != n:
                 raise InputError(f"obstacles: give {n} different names, or none")
-        elif noisy:
-            raise InputError("obstacles: noisy ones need names")
-        self.centres, self.ends = centres, ends
-        self.radii, self.speeds = radii, speeds
-        self.names, self.noisy = names, noisy
+        self.centres, self.radii, self.speeds = centres, radii, speeds
+        self.names = names
 
     def __len__(self) -> int:
         return len(self.radii)
@@ -145,13 +126,12 @@ class Seen:
     """What was measured last, and how it moves: a guess, of which nothing is proved."""
 
     spheres: Obstacles  # as they were measured
-    # (2, N, 3) velocities of the centres and the ends; NaN while not known [m/s]
-    motion: np.ndarray
+    velocity: np.ndarray  # (N, 3) of the centres; NaN while not known [m/s]
     age: np.ndarray  # (N,) how long ago each was measured [s]
 
     def later(self, period: float) -> Seen:
         """A period [s] on."""
-        return Seen(self.spheres, self.motion, self.age + period)
+        return Seen(self.spheres, self.velocity, self.age + period)
 
 
 @dataclass(frozen=True)
@@ -238,10 +218,7 @@ class ObstacleFilter:
         q: np.ndarray,
         v: np.ndarray,
     ) -> Regions | None:
-        """Where obstacles are taken to be, at a state (n,), (n,).
-
-        What is measured; but of a noisy one where it was taken to be, if the state is
-        clear of that alone and the two meet.
+        """Where obstacles are taken to be, at a state (n,), (n,): what is measured.
 
         Args:
             before: what the step before left.
@@ -256,42 +233,27 @@ class ObstacleFilter:
         some, was = np.flatnonzero(places >= 0), places[places >= 0]
         if len(some):
             old = before.spheres
-            # No point of a capsule is farther from where it was than an end.
-            apart = np.maximum(
-                np.linalg.norm(given.centres[some] - old.centres[was], axis=1),
-                np.linalg.norm(given.ends[some] - old.ends[was], axis=1),
-            )
+            apart = np.linalg.norm(given.centres[some] - old.centres[was], axis=1)
             as_fast = given.speeds[some] <= old.speeds[was]
             within = apart + given.radii[some] <= old.radii[was] + _ROUNDING
             known[some] = as_fast & within & before.clear[was]
-        taken, too_fast = given, ()
+        too_fast = ()
         unknown = np.flatnonzero(~known)
         if len(unknown):
             known[unknown] = are_clear(
                 q,
                 v,
-                _shapes(given, unknown),
+                _spheres(given, unknown),
                 self._law.value.robot,
                 self._world,
             )
         if len(some) and given.names is not None:
             meet = apart <= given.radii[some] + old.radii[was] + _ROUNDING
-            keep = ~known[some] & as_fast & meet & before.clear[was]
-            if given.noisy and keep.any():
-                centres, radii = given.centres.copy(), given.radii.copy()
-                ends = given.ends.copy()
-                centres[some[keep]] = old.centres[was[keep]]
-                ends[some[keep]] = old.ends[was[keep]]
-                radii[some[keep]] = old.radii[was[keep]]
-                taken = Obstacles(
-                    *(centres, radii, given.speeds, given.names, True, ends)
-                )
-                known[some[keep]] = True
             too_fast = tuple(given.names[i] for i in some[~meet])
         seen = None
         if self._evades:
             seen = self._see(None if before is None else before.seen, places, given)
-        return Regions(taken, known, too_fast, seen)
+        return Regions(given, known, too_fast, seen)
 
     def _see(self, before: Seen | None, places: np.ndarray, given: Obstacles) -> Seen:
         """What is measured now, with velocities by the difference from before.
@@ -302,32 +264,31 @@ class ObstacleFilter:
             given: measured now.
         """
         n = len(given)
-        now = np.stack((given.centres, given.ends))
-        motion, age = np.full((2, n, 3), np.nan), np.zeros(n)
+        velocity, age = np.full((n, 3), np.nan), np.zeros(n)
         some, was = np.flatnonzero(places >= 0), places[places >= 0]
         if before is None or not len(some):
-            return Seen(given, motion, age)
+            return Seen(given, velocity, age)
         old = before.spheres
-        then = np.stack((old.centres, old.ends))[:, was]
+        then = old.centres[was]
         passed = np.maximum(before.age[was], self._period)
         # In the same place, but larger: nobody looked since.
-        same = (now[:, some] == then).all(axis=(0, 2)) & (
+        same = (given.centres[some] == then).all(axis=1) & (
             given.radii[some] > old.radii[was]
         )
         fresh, at = some[~same], was[~same]
-        rate = (now[:, fresh] - then[:, ~same]) / passed[~same, None]
-        length = np.linalg.norm(rate, axis=2, keepdims=True)
+        rate = (given.centres[fresh] - then[~same]) / passed[~same, None]
+        length = np.linalg.norm(rate, axis=1, keepdims=True)
         rate *= np.minimum(1.0, given.speeds[fresh, None] / np.maximum(length, 1e-12))
-        # Measurements are noisy; but the first difference is all that is known.
+        # Smoothed; but the first difference is all that is known.
         share = (passed / (passed + self._smoothed))[~same, None]
-        was_so = before.motion[:, at]
+        was_so = before.velocity[at]
         smoothed = was_so + share * (rate - was_so)
-        motion[:, fresh] = np.where(np.isnan(was_so), rate, smoothed)
+        velocity[fresh] = np.where(np.isnan(was_so), rate, smoothed)
         stale, at = some[same], was[same]
-        motion[:, stale], age[stale] = before.motion[:, at], passed[same]
+        velocity[stale], age[stale] = before.velocity[at], passed[same]
         radii = given.radii.copy()
         radii[stale] = old.radii[at]
-        return Seen(given.with_radii(radii), motion, age)
+        return Seen(given.with_radii(radii), velocity, age)
 
     def _moving(self, seen: Seen | None) -> Moving:
         """What is evaded: those that may move, where they are by now."""
@@ -335,13 +296,10 @@ class ObstacleFilter:
             return _NOTHING_MOVES
         of = seen.spheres
         some = np.flatnonzero((of.speeds > 0.0) & (seen.age <= _SEEN))
-        by = seen.age[some, None]
-        begin, end = (np.nan_to_num(motion[some]) for motion in seen.motion)
-        centres = of.centres[some] + by * begin
-        axes = of.ends[some] + by * end - centres
-        speeds = of.speeds[some]
+        velocity = np.nan_to_num(seen.velocity[some])
+        centres = of.centres[some] + seen.age[some, None] * velocity
         radii = of.radii[some] + self.kept_at
-        return Moving(Spheres(centres, axes, radii, speeds), begin, end)
+        return Moving(Spheres(centres, radii, of.speeds[some]), velocity)
 
     def step(
         self,
@@ -364,7 +322,7 @@ class ObstacleFilter:
             v_next,
             held,
             regions.clear,
-            _shapes(of, slice(None)),
+            _spheres(of, slice(None)),
             self._moving(regions.seen if evade else None),
             self._law,
             self._world,
@@ -373,14 +331,13 @@ class ObstacleFilter:
         return Among(answer[:AMONG], answer[AMONG:end].copy(), answer[end:] != 0.0)
 
 
-def _shapes(of: Obstacles, which: np.ndarray | slice) -> Spheres:
+def _spheres(of: Obstacles, which: np.ndarray | slice) -> Spheres:
     """Some of them, for the equations."""
-    centres, ends = of.centres[which], of.ends[which]
-    return Spheres(centres, ends - centres, of.radii[which], of.speeds[which])
+    return Spheres(of.centres[which], of.radii[which], of.speeds[which])
 
 
 _NOTHING_MOVES = Moving(
-    Spheres(*np.zeros((2, 0, 3)), *np.zeros((2, 0))), *np.zeros((2, 0, 3))
+    Spheres(np.zeros((0, 3)), np.zeros(0), np.zeros(0)), np.zeros((0, 3))
 )
 
 

@@ -2,7 +2,7 @@
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,6 @@ from crar_drake.control.lookahead_parameters import (
     preview_horizon,
     usual,
 )
-from crar_drake.equations.governor import TargetBounds
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.collision_pairs import DISTANCES
 from crar_drake.robot.description import find_joint, is_speed_limit
@@ -22,50 +21,17 @@ from crar_drake.robot.description import find_joint, is_speed_limit
 if TYPE_CHECKING:
     from crar_drake.robot.model import ControlModel
 
+# Of what `control.modes.MODES` has the classes.
+CONSTRAINTS = ["none", "paper", "lookahead"]
 LEVELS = ("velocity", "acceleration")
 METRICS = ("identity", "inertia")
 
-# A torque loop of 1 kHz is usual, and enough: the torque period unless it is given [s].
+# A torque loop of 1 kHz is usual, and enough [s].
 _TORQUE_PERIOD = 1e-3
 
 # The braking horizon, in time constants of the velocity loop, unless it is given. A
 # short one asks of motors what they do not have; a long one stops far from obstacles.
 _BRAKING_TIMES = 2.5
-
-
-@dataclass
-class TargetGovernor:
-    """Bounds on the targets before the law sees them, see `equations.governor`.
-
-    None leaves a bound out; with all of them left out there is no governor. They are
-    those of every task, and norms over three components; of a pose the orientation
-    and the position are bounded each for itself. Prescribed joints and the nominal
-    posture are not governed.
-
-    Attributes:
-        speed: of positions [m/s].
-        acceleration: of positions [m/s^2].
-        angular_speed: of orientations [rad/s].
-        angular_acceleration: of orientations [rad/s^2].
-    """
-
-    speed: float | None = None  # [m/s]
-    acceleration: float | None = None  # [m/s^2]
-    angular_speed: float | None = None  # [rad/s]
-    angular_acceleration: float | None = None  # [rad/s^2]
-
-    def validate(self) -> None:
-        """Raises ScenarioError, naming the field and what it may be."""
-        check_numbers("controller.governor", self, may_be_zero=set())
-
-    def bounds(self) -> TargetBounds | None:
-        """The bounds for the equations, infinite where left out; None if all are."""
-        given = astuple(self)
-        if all(bound is None for bound in given):
-            return None
-        return TargetBounds(
-            *(math.inf if bound is None else float(bound) for bound in given)
-        )
 
 
 @dataclass
@@ -95,11 +61,6 @@ class CrarParameters:
         constraints: "lookahead" (hold where the robot would come to rest),
             "paper" (W of Eq. 27) or "none" (W = I).
         period: control period [s]; the accelerations are held in between.
-        torque_period: between two computations of the torque of the held
-            accelerations [s]; it divides the control period, and is a multiple of a
-            discrete plant's time step. By default the longest such that is not longer
-            than 1 ms, or than the plant's step if that is longer. As long as the
-            control period, it is the torque that is held.
         latency: from a state of the robot until a command that answers it acts on the
             robot [s]; the law predicts the state then, by what it has commanded since.
             By default 0.
@@ -109,10 +70,6 @@ class CrarParameters:
         Gv: joint velocity gain, Eq. (30) [1/s].
         GvN: null-space gain, Eq. (33) [1/s]; by default Gv, and with a preview 20, or
             3 where there are as many task rows as joints or more.
-        Gv_near: adaptive gains, for constraints "paper": Gv then holds away from
-            the constraints and this near them, joint by joint [1/s], see
-            `equations.resolved_acceleration.adaptive_gain`; GvN goes along unless it is
-            given.
         metric: of the joint velocities that W weighs, for constraints "paper" and
             "none": "identity", or "inertia" for the dynamically consistent inverse,
             see `equations.composite_weight.inertia_weight`.
@@ -142,7 +99,6 @@ class CrarParameters:
         distances: "closed_form" for all but cylinders and such, or "scene_graph" for
             all shapes.
         lookahead: what the mode "lookahead" needs besides.
-        governor: bounds on the targets' speed and acceleration; by default none.
         balance: of a robot that stands on its soles, what it may ask of the ground, see
             `equations.balance`; by default nobody asks. It needs constraints
             "lookahead", and a description with soles whose base is fixed.
@@ -151,14 +107,12 @@ class CrarParameters:
     level: str = "acceleration"
     constraints: str = "lookahead"
     period: float = 1e-3  # [s]
-    torque_period: float | None = None  # [s]
     latency: float = 0.0  # [s]
     K: float = 30.0  # [1/s]
     Kp: float = 300.0  # [1/s^2]
     Kv: float | None = None  # [1/s]
     Gv: float = 30.0  # [1/s]
     GvN: float | None = None  # [1/s]
-    Gv_near: float | None = None  # [1/s]
     metric: str = "identity"
     damping: float = 0.1  # [m]
     rho: float = 1.0
@@ -172,7 +126,6 @@ class CrarParameters:
     velocity_limits: dict[str, float] = field(default_factory=dict)
     distances: str = "closed_form"
     lookahead: LookaheadParameters = field(default_factory=LookaheadParameters)
-    governor: TargetGovernor = field(default_factory=TargetGovernor)
     balance: BalanceParameters | None = None
 
     def validate(self) -> None:
@@ -183,6 +136,7 @@ class CrarParameters:
         Raises:
             ScenarioError: names the field, its value and what it may be.
         """
+        check_choice("controller", self, "constraints", tuple(CONSTRAINTS))
         check_choice("controller", self, "level", LEVELS)
         check_choice("controller", self, "distances", DISTANCES)
         check_choice("controller", self, "metric", METRICS)
@@ -207,9 +161,7 @@ class CrarParameters:
             raise ScenarioError(
                 f"controller.limit_share: {self.limit_share} must be at most 1"
             )
-        self._check_torque_period()
         self.lookahead.validate()
-        self.governor.validate()
         if self.balance is not None:
             self.balance.validate()
             if self.constraints != "lookahead":
@@ -245,25 +197,14 @@ class CrarParameters:
             f"s; lower the gains, or choose a period below {longest:.2g} s"
         )
 
-    def _check_torque_period(self) -> None:
-        if self.torque_period is None:
-            return
-        ticks = self.period / self.torque_period
-        if abs(ticks - round(ticks)) > 1e-6 * ticks or round(ticks) < 1:
-            raise ScenarioError(
-                f"controller.torque_period: {self.torque_period:g} s does not divide "
-                f"controller.period, {self.period:g} s; choose e.g. "
-                f"{self.period / max(round(ticks), 1):g}, or leave it out"
-            )
-
     def torque_ticks(self, plant_step: float) -> int:
-        """How often the torque is computed in a control period.
+        """How often the torque of the held accelerations is computed in a control
+        period: every millisecond, or every step of a plant whose steps are longer; of
+        what divides the period, the longest such time that is not longer.
 
         Args:
             plant_step: time step of the discrete plant [s]; 0 for a continuous one.
         """
-        if self.torque_period is not None:
-            return round(self.period / self.torque_period)
         longest = max(plant_step, _TORQUE_PERIOD) * (1.0 + 1e-6)
         if not plant_step:
             return math.ceil(self.period / longest)
@@ -402,7 +343,7 @@ class CrarParameters:
         """These, with one braking horizon, as obstacles that move ask for.
 
         It is 2.5 / Gv, over which motors can brake most of the time, unless one of the
-        two horizons is given. Both then stay, whatever becomes of gains.
+        two horizons is given.
         """
         ahead = self.lookahead
         horizon, longest = ahead.horizon, ahead.longest_horizon

@@ -38,8 +38,8 @@ class Solution:
         acceleration: (nv,) commanded accelerations of all joints: alpha_c of
             Eq. (30) for the controlled, the desired motion's for the prescribed. They
             are held for a control period.
-        task_error: (m,) Eq. (11) against the targets as given, before the governor,
-            blending and task weights [rad, m].
+        task_error: (m,) Eq. (11) against the targets as given, before blending and task
+            weights [rad, m].
         signed_distances: (Nc,) per watched pair [m].
         constraint_weights: (n,) diagonal of W.
         constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
@@ -111,9 +111,6 @@ class Memory:
     start_time: float | None = None  # when blending began [s], None if it has yet to
     # what was measured then; None if it has yet to begin
     start: BlendStart | None = None
-    # (layout.size,) the targets as they were governed; None without a governor, and
-    # where the targets were lost
-    governed: np.ndarray | None = None
     # the `control.obstacles.Regions` of the next step; None without any
     regions: Any = None
     # accelerations (nv,) that were commanded, the newest first; as many as
@@ -134,7 +131,6 @@ class Memory:
             self.continues,
             self.start_time,
             self.start,
-            self.governed,
             self.regions,
             self.sent,
             self.lateness,

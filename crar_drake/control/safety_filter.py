@@ -123,8 +123,8 @@ class FilterReport:
         pair: the two links that come too near, or hold the command back; or None.
         joint: the joint that `why` is about, or that binds besides; or None.
         clearance: no watched distance is smaller on the braking path from the command
-            [m]; a bound from below. NaN where a watched pair is not examined (a box,
-            say), and while it brakes.
+            [m]; a bound from below. NaN where a watched pair is not examined (a
+            cylinder, say), and while it brakes.
         clear: whether the path that the step started with is known to be clear.
         tracking_error: the farthest that a measured joint is from the command before
             [rad or m], NaN where nothing is measured; and

@@ -9,7 +9,6 @@
     resolved_acceleration   Eqs. (10), (12), (13), (15), (30)-(35)
     capsule_distances       the minimum distances that Eqs. (19)-(26) start from
     lookahead               constraints that act where the robot would come to rest
-    governor                bounds on the targets' speed and acceleration
     blending                the way from the measured pose onto the targets
 
 Nothing here imports Drake.

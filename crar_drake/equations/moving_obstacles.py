@@ -1,4 +1,4 @@
-"""Spheres and capsules that move by themselves, of bounded speed: (M1), (M2) of
+"""Spheres that move by themselves, of bounded speed: (M1), (M2) of
 `docs/theory/moving-obstacles.md`.
 
 The links of a robot are kept at the floor and what a sphere can come nearer meanwhile,
@@ -62,10 +62,9 @@ class Links(NamedTuple):
 
 
 class Spheres(NamedTuple):
-    """N spheres or capsules, R_k of the theorem, in the world."""
+    """N spheres, R_k of the theorem, in the world."""
 
-    centre: np.ndarray  # (N, 3) where the axis of each begins [m]
-    axis: np.ndarray  # (N, 3) from there to where it ends; of a sphere 0 [m]
+    centre: np.ndarray  # (N, 3) [m]
     radius: np.ndarray  # (N,) [m]
     speed: np.ndarray  # (N,) V, no point of what is in it is faster [m/s]
 
@@ -99,11 +98,10 @@ class WorldLaw(NamedTuple):
 
 
 class Moving(NamedTuple):
-    """N spheres or capsules that are evaded, as they are and as they move."""
+    """N spheres that are evaded, as they are and as they move."""
 
-    shapes: Spheres  # with d_e, which they are kept at, in their radii
-    begin: np.ndarray  # (N, 3) the velocity of where the axis begins [m/s]
-    end: np.ndarray  # (N, 3) and of where it ends [m/s]
+    spheres: Spheres  # with d_e, which they are kept at, in their radii
+    velocity: np.ndarray  # (N, 3) of their centres [m/s]
 
 
 class Line(NamedTuple):
@@ -248,19 +246,15 @@ def links_near(
         x = spheres.centre[k, 0] - middle[0]
         y = spheres.centre[k, 1] - middle[1]
         z = spheres.centre[k, 2] - middle[2]
-        # Of a capsule, the ball about it.
-        a, b, c = spheres.axis[k, 0], spheres.axis[k, 1], spheres.axis[k, 2]
-        x, y, z = x + 0.5 * a, y + 0.5 * b, z + 0.5 * c
         r, V = spheres.radius[k], spheres.speed[k]
-        r += 0.5 * np.sqrt(a * a + b * b + c * c)
         apart = np.sqrt(x * x + y * y + z * z) - around - r - V * longest
         if apart >= enough:
             low = min(low, apart)
             continue
         for i in range(L):
-            x = start[i, 0] - spheres.centre[k, 0] - 0.5 * a
-            y = start[i, 1] - spheres.centre[k, 1] - 0.5 * b
-            z = start[i, 2] - spheres.centre[k, 2] - 0.5 * c
+            x = start[i, 0] - spheres.centre[k, 0]
+            y = start[i, 1] - spheres.centre[k, 1]
+            z = start[i, 2] - spheres.centre[k, 2]
             u, v = end[i, 0] - start[i, 0], end[i, 1] - start[i, 1]
             w = end[i, 2] - start[i, 2]
             apart = least_length(x, y, z, u, v, w) - links.radius[i] - bend[i]
@@ -310,37 +304,22 @@ def near_line(
 
 
 @compiled(loops=True)
-def nearest_to(
-    p: np.ndarray, u: np.ndarray, c: np.ndarray, w: np.ndarray
-) -> tuple[np.ndarray, float, np.ndarray]:
-    """Where two segments are nearest, from p by u and from c by w, (3,) each.
+def nearest_to(p: np.ndarray, u: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float]:
+    """Where a segment, from p by u, is nearest to a point c, (3,) each.
 
     Returns:
-        (3,) the unit normal from the second to the first; their distance [m]; and (3,)
-        the point of the second [m].
+        (3,) the unit normal from the point to the segment; their distance [m].
     """
-    uu = ww = uw = ur = wr = 0.0
+    uu = ur = 0.0
     for i in range(3):
-        r = p[i] - c[i]
         uu += u[i] * u[i]
-        ww += w[i] * w[i]
-        uw += u[i] * w[i]
-        ur += u[i] * r
-        wr += w[i] * r
-    # The share of u where the lines are nearest; of parallels any. Then that of w for
-    # it, and that of u again where the second one ends before.
-    cross = uu * ww - uw * uw
-    s = t = 0.0
-    if cross > 1e-12 * uu * ww:
-        s = min(max((uw * wr - ww * ur) / cross, 0.0), 1.0)
-    if ww > 0.0:
-        t = min(max((uw * s + wr) / ww, 0.0), 1.0)
+        ur += u[i] * (p[i] - c[i])
+    s = 0.0
     if uu > 0.0:
-        s = min(max((uw * t - ur) / uu, 0.0), 1.0)
-    n, at, far = np.empty(3), np.empty(3), 0.0
+        s = min(max(-ur / uu, 0.0), 1.0)
+    n, far = np.empty(3), 0.0
     for i in range(3):
-        at[i] = c[i] + t * w[i]
-        n[i] = p[i] + s * u[i] - at[i]
+        n[i] = p[i] + s * u[i] - c[i]
         far += n[i] * n[i]
     far = np.sqrt(far)
     if far < 1e-12:
@@ -348,7 +327,7 @@ def nearest_to(
     else:
         for i in range(3):
             n[i] /= far
-    return n, far, at
+    return n, far
 
 
 @compiled(loops=True)
@@ -415,20 +394,17 @@ def line_bounds(
                             w[i, c] += S[c, j] * line.x[j] * links.carried[i, j]
                 p, u = at[3 * nv + L + shape], at[3 * nv + L + len(links.radii) + shape]
                 centre, speed = spheres.centre[o], spheres.speed[o]
-                axis = spheres.axis[o]
-                n, far, _ = nearest_to(p, u, centre, axis)
+                n, far = nearest_to(p, u, centre)
                 thick = links.radii[shape] + spheres.radius[o]
-                start = along = moves = turns = reaches = 0.0
+                start = along = moves = turns = 0.0
                 for c in range(3):
                     d, e = (c + 1) % 3, (c + 2) % 3
                     start += n[c] * (p[c] - centre[c])
                     along += n[c] * u[c]
-                    reaches += n[c] * axis[c]
                     spin = w[i, d] * p[e] - w[i, e] * p[d]
                     moves += n[c] * (w[i, 3 + c] + spin)
                     turns += n[c] * (w[i, d] * u[e] - w[i, e] * u[d])
-                # The shadow of a capsule reaches so far towards the link.
-                off = thick + max(reaches, 0.0) + 0.5 * half * half * curvature[i]
+                off = thick + 0.5 * half * half * curvature[i]
                 low, high = middle - half, middle + half
                 # What is not clear now is asked from where the way ends.
                 begin, rest = low, low
@@ -567,7 +543,7 @@ def present_levels(
             i, o = near[k, 0], near[k, 1]
             for shape in range(links.shapes[i], links.shapes[i + 1]):
                 p, u = at[3 * nv + L + shape], at[3 * nv + L + S + shape]
-                _, far, _ = nearest_to(p, u, spheres.centre[o], spheres.axis[o])
+                _, far = nearest_to(p, u, spheres.centre[o])
                 d = far - links.radii[shape] - spheres.radius[o]
                 still[i, o] = min(still[i, o], d)
                 if not clear[o] and t * numbers.T <= last[i]:
@@ -579,7 +555,7 @@ def present_levels(
 @compiled(loops=True)
 def link_gradient(
     i: int, o: int, at: np.ndarray, S: np.ndarray, spheres: Spheres, links: Links
-) -> tuple[float, np.ndarray, np.ndarray, float]:
+) -> tuple[float, np.ndarray, np.ndarray]:
     """The distance of a link from a sphere, and how the joints change it.
 
     Args:
@@ -588,17 +564,17 @@ def link_gradient(
 
     Returns:
         The distance of the nearest shape [m]; (n,) its gradient; (3,) the unit normal
-        from the sphere to it; and at which share of the sphere's axis it is.
+        from the sphere to it.
     """
     L, n = len(links.radius), S.shape[1]
-    best, normal, centre = np.inf, np.zeros(3), np.zeros(3)
+    best, normal = np.inf, np.zeros(3)
     for shape in range(links.shapes[i], links.shapes[i + 1]):
         p, u = at[3 * n + L + shape], at[3 * n + L + len(links.radii) + shape]
-        n_here, far, at_here = nearest_to(p, u, spheres.centre[o], spheres.axis[o])
+        n_here, far = nearest_to(p, u, spheres.centre[o])
         if far - links.radii[shape] < best:
-            best, normal, centre = far - links.radii[shape], n_here, at_here
-    # The line of the shortest distance passes this point: so does the force.
-    x, y, z = centre[0], centre[1], centre[2]
+            best, normal = far - links.radii[shape], n_here
+    # The line of the shortest distance passes the centre: so does the force.
+    x, y, z = spheres.centre[o, 0], spheres.centre[o, 1], spheres.centre[o, 2]
     moment = (
         y * normal[2] - z * normal[1],
         z * normal[0] - x * normal[2],
@@ -609,12 +585,7 @@ def link_gradient(
         if links.carried[i, j] != 0.0:
             for c in range(3):
                 g[j] += moment[c] * S[c, j] + normal[c] * S[3 + c, j]
-    length = along = 0.0
-    for c in range(3):
-        length += spheres.axis[o, c] ** 2
-        along += (centre[c] - spheres.centre[o, c]) * spheres.axis[o, c]
-    share = along / length if length > 0.0 else 0.0
-    return best - spheres.radius[o], g, normal, share
+    return best - spheres.radius[o], g, normal
 
 
 @compiled
@@ -663,9 +634,7 @@ def sphere_rows(
         S_world = joint_motion(at[: 3 * n].reshape(1, -1, 3))[0]
         for k in range(len(near)):
             i, o = near[k, 0], near[k, 1]
-            d[end, k], g[end, k], _, _ = link_gradient(
-                i, o, at, S_world, spheres, links
-            )
+            d[end, k], g[end, k], _ = link_gradient(i, o, at, S_world, spheres, links)
             drift[end * len(near) + k] = -min(spheres.speed[o], numbers.harmless)
     h = pair_margins(d, g, v, gains.T)
     drift = drift + margin_curvature(g, v)
@@ -686,7 +655,7 @@ def evading_rows(
         g q_dot' >= n v_o + min(-alpha h, V),      h = d - d_e - tau max(n v_o, 0)
 
     with d the distance of a link, d_e that which it is kept at, n its direction, from
-    the sphere to the link, and v_o the velocity of the sphere there.
+    the sphere to the link, and v_o the velocity of the sphere.
 
     Args:
         q, v: (n,), (n,) state.
@@ -698,7 +667,7 @@ def evading_rows(
         command keeps to them.
     """
     links, n = law.value.links.value, len(q)
-    evasion, spheres = law.value.evasion, moving.shapes
+    evasion, spheres = law.value.evasion, moving.spheres
     if not len(spheres.radius):
         return np.zeros((0, n)), np.zeros(0), np.zeros((0, 2), dtype=np.int64)
     L = len(links.radius)
@@ -714,11 +683,10 @@ def evading_rows(
     S = joint_motion(at[: 3 * n].reshape(1, -1, 3))[0]
     for k in range(len(near)):
         i, o = near[k, 0], near[k, 1]
-        h, g[k], normal, share = link_gradient(i, o, at, S, spheres, links)
+        h, g[k], normal = link_gradient(i, o, at, S, spheres, links)
         comes = 0.0
         for c in range(3):
-            velocity = (1.0 - share) * moving.begin[o, c] + share * moving.end[o, c]
-            comes += normal[c] * velocity
+            comes += normal[c] * moving.velocity[o, c]
         h -= evasion.lead * max(comes, 0.0)
         least[k] = comes + min(-evasion.rate * h, spheres.speed[o])
     if not (times(g, v_next) < least).any():

@@ -29,7 +29,6 @@ from crar_drake.equations.references import (
 )
 from crar_drake.equations.resolved_acceleration import (
     acceleration_level_acceleration,
-    adaptive_gain,
     constrained_resolved_acceleration,
     constrained_velocity,
     null_space_motion,
@@ -44,8 +43,7 @@ class PaperGains(NamedTuple):
 
     damping: float  # lambda [m]
     Gv: float  # [1/s]
-    GvN: float  # [1/s]; NaN: as Gv, also where that adapts
-    Gv_near: float  # [1/s]; NaN: Gv does not adapt
+    GvN: float  # [1/s]; NaN: as Gv
     rho: float
     alpha: float  # [1/m]
     beta: float
@@ -58,7 +56,6 @@ class ConstraintWeights(NamedTuple):
     """The diagonal of W, and what its next evaluation compares with."""
 
     W: np.ndarray  # (n,)
-    nearness: np.ndarray  # (n,) what W would be if everything were being approached
     limit_proximity: np.ndarray  # (n,) for the next step's Eq. (18).
     pair_proximity: np.ndarray  # (Nc, n) for the next step's Eq. (21).
 
@@ -89,14 +86,8 @@ def constraint_weights(
     gradient = collision_gradient(slope, dd_dq)
     of_pairs = collision_proximity(gradient, d)
     W_COL = collision_weights(pair_weights(gradient, of_pairs, pair_before))
-    a = gains.limit_share
-    W = composite_weights(W_JL, W_COL, a)
-    nearness = W
-    if not np.isnan(gains.Gv_near):
-        nearness = composite_weights(
-            1.0 + of_limits, collision_weights(1.0 + of_pairs), a
-        )
-    return ConstraintWeights(W, nearness, of_limits, of_pairs)
+    W = composite_weights(W_JL, W_COL, gains.limit_share)
+    return ConstraintWeights(W, of_limits, of_pairs)
 
 
 @compiled
@@ -104,7 +95,6 @@ def weighted_acceleration(
     references: References,
     qdot: np.ndarray,
     W: np.ndarray,
-    nearness: np.ndarray,
     inertia: np.ndarray,
     qdot_c_before: np.ndarray,
     gains: PaperGains,
@@ -114,7 +104,6 @@ def weighted_acceleration(
     Args:
         qdot: (n,) velocities of the controlled joints [rad/s].
         W: (n,) diagonal of the weight.
-        nearness: (n,) for an adaptive Gv, see `adaptive_gain`.
         inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
         qdot_c_before: (n,) Eq. (15) of the step before; (0,) at the first step.
 
@@ -128,10 +117,7 @@ def weighted_acceleration(
         W = np.diag(W_H).copy()
     else:
         J_star = damped_inverse(J, W, gains.damping)
-    Gv = np.full(len(qdot), gains.Gv)
-    if not np.isnan(gains.Gv_near):
-        Gv = adaptive_gain(gains.Gv, gains.Gv_near, nearness)
-    GvN = Gv if np.isnan(gains.GvN) else np.full(len(qdot), gains.GvN)
+    GvN = gains.Gv if np.isnan(gains.GvN) else gains.GvN
     v_r, a_r = references.v_r, references.a_r
     qdot_0, qddot_0 = references.qdot_0, references.qddot_0
     if len(qdot_0):  # tasks that are joints: `references.undamped_preference`
@@ -147,7 +133,7 @@ def weighted_acceleration(
         alpha = acceleration_level_acceleration(J_star, J, a_r, zeta)
         if len(qddot_0):
             alpha = qddot_0 + alpha
-    qddot = constrained_resolved_acceleration(alpha, qdot_c, qdot, Gv)
+    qddot = constrained_resolved_acceleration(alpha, qdot_c, qdot, gains.Gv)
     return qddot, qdot_c, W
 
 
@@ -205,15 +191,13 @@ def paper_step(
             gains,
         )
     else:
-        free = np.ones(n)
         weights = ConstraintWeights(
-            free, free, before.limit_proximity, before.pair_proximity
+            np.ones(n), before.limit_proximity, before.pair_proximity
         )
     qddot, qdot_c, W = weighted_acceleration(
         references,
         state.v[:n],
         weights.W,
-        weights.nearness,
         inertia,
         before.qdot_c,
         gains,

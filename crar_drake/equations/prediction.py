@@ -26,7 +26,7 @@ def next_state(
 
     Limits: exact where the plant's step divides the period, the plant is the control
     model, and the torque follows the state at each of the plant's steps, as it does
-    where `CrarParameters.torque_period` is the plant's step.
+    where these last a millisecond or longer.
 
     Args:
         q, v: (nv,), (nv,) positions and velocities [rad, rad/s].

@@ -2,9 +2,7 @@
 
 `J_star` is Eq. (34) everywhere. Where some joints are prescribed, the caller moves
 their share to the right-hand side: J_p v_p at the velocity level, J_p a_p at the
-acceleration level. `adaptive_gain` is what the paper asks for after Eq. (33): "small
-values when the system is away from the constraints and large values near the
-constraints".
+acceleration level.
 """
 
 import numpy as np
@@ -89,21 +87,3 @@ def constrained_resolved_acceleration(
         Gv: gain, a scalar or (n,) [1/s].
     """
     return alpha + Gv * (qdot_c - qdot)
-
-
-@compiled
-def adaptive_gain(far: float, near: float, nearness: np.ndarray) -> np.ndarray:
-    """Gv (n,) of each joint, between those far from and near to the constraints.
-
-        Gv_i = far + (near - far) (1 - 1 / w_i)
-
-    with w_i the weight of Eq. (27) that the joint would have if every pair and
-    every limit were being approached. (The weight itself falls to 1 the moment that
-    a constraint is not approached any more, and the gain would jump.)
-
-    Args:
-        far: gain where w_i = 1 [1/s].
-        near: gain where w_i is infinite [1/s].
-        nearness: (n,) w_i, at least 1.
-    """
-    return far + (near - far) * (1.0 - 1.0 / nearness)

@@ -13,7 +13,6 @@ from pydrake.geometry import Capsule, SceneGraph, Sphere
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
-from crar_drake.judging.referee_distances import capsule_distance
 from crar_drake.robot.description import find_body
 
 # What rounding adds to a speed [1].
@@ -51,10 +50,9 @@ class Surface:
         context,
         centres: np.ndarray,
         sizes: np.ndarray,
-        ends: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Distances (N,) of N spheres, or capsules that end there, and (N,) how fast
-        the surface is where it is nearest to each [m], [m/s].
+        """Distances (N,) of N spheres, and (N,) how fast the surface is where it is
+        nearest to each [m], [m/s].
 
         In a contact that is the point of the surface towards the obstacle.
         """
@@ -73,27 +71,10 @@ class Surface:
         k = np.argmin(d, axis=1)
         every = np.arange(len(centres))
         off, axis, d = off[every, k], axis[every, k], d[every, k]
-        if ends is not None:
-            for i in np.flatnonzero((ends != centres).any(axis=1)):
-                d[i], k[i], axis[i], off[i] = self._nearest(a, u, centres[i], ends[i])
-                d[i] -= sizes[i]
         towards = off / np.maximum(np.linalg.norm(off, axis=1), 1e-12)[:, None]
         point = axis + self.radii[k][:, None] * towards
         v = V.translational() + np.cross(V.rotational(), point - p)
         return d, np.linalg.norm(v, axis=1)
-
-    def _nearest(
-        self, a: np.ndarray, u: np.ndarray, centre: np.ndarray, end: np.ndarray
-    ) -> tuple[float, int, np.ndarray, np.ndarray]:
-        """Of the shapes with axes from (S, 3) by (S, 3) the distance to a capsule's
-        axis [m], which it is, where on its axis, and the way from there [m]."""
-        found = [
-            capsule_distance(a[s], a[s] + u[s], self.radii[s], centre, end, 0.0)
-            for s in range(len(a))
-        ]
-        k = int(np.argmin([d for d, _, _ in found]))
-        d, on_link, on_other = found[k]
-        return d, k, on_link, on_other - on_link
 
 
 @dataclass(frozen=True)
@@ -134,17 +115,15 @@ class ObstacleJudge:
         v: np.ndarray,
         centres: np.ndarray,
         sizes: np.ndarray,
-        ends: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """(L, N) distances and (L, N) speeds there [m], [m/s].
 
         Args:
             q, v: (nq,), (nv,) the state.
             centres, sizes: (N, 3), (N,) of the spheres [m].
-            ends: (N, 3) of those that are capsules, where their axes end [m].
         """
         self._place(q, v)
-        found = [s.against(self._context, centres, sizes, ends) for s in self.surfaces]
+        found = [s.against(self._context, centres, sizes) for s in self.surfaces]
         return np.array([d for d, _ in found]), np.array([v for _, v in found])
 
     def places(self) -> np.ndarray:

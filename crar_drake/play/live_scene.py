@@ -81,7 +81,7 @@ class LiveScene:
         distances = parts["signed_distances"]
         # Feet are always near the ground, as in `SimulationLog.between_links`.
         distances = np.where(self._above_ground & (distances >= 0), np.inf, distances)
-        targets = live.targets()[self._positions].reshape(-1, 3)
+        targets = live.wanted()
         here = live.setup.simulated.tasks_at(live.positions(), self._workspace)
         reached = here[self._positions].reshape(-1, 3)
         admission = parts["admission"]
@@ -92,8 +92,6 @@ class LiveScene:
             "rate": _short(pacer.rate(now, live.time), 3),
             "late": _short(0.0 if pacer.paused else pacer.late(now, live.time), 4),
             "behind": _short(pacer.behind, 2),
-            "mode": live.mode,
-            "gains": live.gains,
             "motion": live.moves,
             "phase": _short(live.phase, 2),
             "offsets": _rows(live.offsets),

@@ -1,4 +1,4 @@
-"""A scenario's simulation that goes on step by step, and changes in between."""
+"""A scenario's simulation that goes on step by step, moved by hand in between."""
 
 from collections import deque
 from collections.abc import Callable
@@ -12,34 +12,21 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from crar_drake.control.controller import CrarController
-from crar_drake.control.law import ControlLaw
 from crar_drake.control.law_among import LawAmong
-from crar_drake.control.modes import MODES, validate
-from crar_drake.control.parameters import CrarParameters, TargetGovernor
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.play.live_sources import LiveSource, make_live
-from crar_drake.play.motion_clock import MotionClock, to_and_fro, turning_time
+from crar_drake.play.motion_clock import MotionClock, to_and_fro
 from crar_drake.play.recorder import Recorder
 from crar_drake.results.log import SimulationLog
-from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import Push, ScaleMasses, applied_force
 from crar_drake.simulation.moving_obstacles import MovingObstacle, ObstacleSource, Place
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.targets.desired_motion import DesiredMotion
 
-# A governed target is at least allowed to be so fast [m/s, rad/s], and to change its
-# velocity by that in the time below [s]; what the motion itself does is allowed, too.
-_SPEED, _ANGULAR_SPEED, _RISE = 1.5, 6.0, 0.1
-_ROOM = 1.1  # over what the motion does
-_MOST_SAMPLES = 2000  # of the motion, to see how fast it is
+# What a person drags targets by changes so fast at most [m/s].
+_SPEED = 1.5
 
 _MOST_EVENTS, _MOST_REPORTED = 10_000, 1000
-
-# What can be changed: gains, by their names in `CrarParameters`, and what stands for
-# them with a preview, by its name in `LookaheadParameters`.
-_FEEDBACK, _SMOOTHNESS = ("K", "Kp", "Gv"), "smoothness"
-GAINS = (*_FEEDBACK, _SMOOTHNESS)
 
 # The ball that is dragged: its radius [m], the bound of its speed [m/s], and how far in
 # front of the robot and its targets it is at first [m].
@@ -70,8 +57,9 @@ class LiveSimulation:
         model: the control model.
         period: of the controller [s].
         duration: of the motion [s].
-        offsets: (N, 3) added to the targets of the position and pose tasks, in the
-            order of `layout.linear_tasks` [m].
+        offsets: (N, 3) from the motion to where a person wants the targets of the
+            position and pose tasks, in the order of `layout.linear_tasks` [m].
+        moved: (N, 3) what is added to these targets by now [m].
         clock: of the motion.
         ball: (3,) where the ball is that a person drags, an obstacle that moves [m];
             None where the robot keeps off none.
@@ -83,13 +71,11 @@ class LiveSimulation:
     def __init__(self, scenario: Scenario) -> None:
         """
         Args:
-            scenario: validated. Without a governor of its own, it gets one that lets
-                the motion pass, see `make_governor`.
+            scenario: validated.
 
         Raises:
             CrarError: something in the scenario, its robot or its motion is wrong.
         """
-        wanted = scenario.controller.constraints
         if scenario.standing is None:
             # As obstacles that move ask for.
             scenario = deepcopy(scenario)
@@ -97,29 +83,16 @@ class LiveSimulation:
         setup = PrepareScenario(scenario)
         self.model, self.duration = setup.model, setup.motion.duration
         self._scheduled = list(scenario.disturbances.pushes)
-        ahead = replace(scenario.controller, constraints="lookahead")
-        # The proof is of a braking time that stays, whatever becomes of gains.
-        parameters = replace(
-            scenario.controller, lookahead=ahead.among_obstacles().lookahead
-        )
-        if scenario.standing is not None:  # as its controller has them
-            parameters = replace(parameters, torque_period=parameters.period)
-        if parameters.governor.bounds() is None:
-            governor = make_governor(setup.motion, setup.model)
-            parameters = replace(parameters, governor=governor)
-        # The lookahead has an input port more, which cannot be added later.
-        first = parameters
-        ahead = replace(parameters, constraints="lookahead")
-        if accepted(lambda: validate(ahead)):
-            first = ahead
+        parameters = scenario.controller
         balls = []
-        if first.constraints == "lookahead" and accepted(
-            lambda: LawAmong(self.model, first)
+        among = parameters.among_obstacles()
+        if parameters.constraints == "lookahead" and accepted(
+            lambda: LawAmong(self.model, among)
         ):
-            balls.append(make_ball(setup))
+            parameters, balls = among, [make_ball(setup)]
         self.scenario = replace(
             scenario,
-            controller=first,
+            controller=parameters,
             disturbances=replace(scenario.disturbances, pushes=[]),
             obstacles=[*scenario.obstacles, *balls],
             log_period=scenario.log_period or parameters.period,
@@ -155,14 +128,12 @@ class LiveSimulation:
             )
             self._obstacles_context = self._obstacles.GetMyMutableContextFromRoot(root)
         self.offsets = np.zeros((len(self.model.layout.linear_tasks), 3))
+        self.moved = self.offsets.copy()
         self.clock = MotionClock()
-        self.parameters, self._modes = first, {wanted}
         self.events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self.pushes: list[Push] = []
         self._acting: list[Push] = []
         self.recorder = Recorder(setup, self.simulator)
-        if wanted != first.constraints:
-            self._take_over(parameters)
         self._set_clock()
         self.simulator.Initialize()
         self.simulator.AdvanceTo(0.5 * self.period)
@@ -185,23 +156,16 @@ class LiveSimulation:
     @property
     def floor(self) -> float:
         """What no pair comes nearer than, by the lookahead [m]."""
-        return self.parameters.lookahead.floor
+        return self.scenario.controller.lookahead.floor
 
     @property
     def mode(self) -> str:
         """What the constraints are."""
-        return self.parameters.constraints
+        return self.scenario.controller.constraints
 
     def compile(self) -> None:
-        """Compiles what any mode needs, before somebody waits for it."""
-        for name in MODES:
-            try:
-                parameters = replace(self.parameters, constraints=name)
-                ControlLaw(self.model, parameters).compile(
-                    bool(self.scenario.obstacles)
-                )
-            except ScenarioError:  # it does not go with the scenario's gains
-                continue
+        """Compiles what has yet to be, before somebody waits for it."""
+        self.controller.law.compile(bool(self.scenario.obstacles))
 
     def step(self) -> None:
         """Goes on by one control period.
@@ -211,6 +175,7 @@ class LiveSimulation:
         """
         next_time = self.time + self.period
         self._push()
+        self._drag()
         self._roll()
         self.simulator.AdvanceTo(next_time + 0.5 * self.period)
         self._tick += 1
@@ -218,48 +183,12 @@ class LiveSimulation:
 
     # --- what a person does -------------------------------------------------------
 
-    def set_mode(self, constraints: str) -> None:
-        """Changes the constraints, without a jump: see `modes.fading`.
-
-        Raises:
-            ScenarioError: there are no such, or the gains do not go with them.
-        """
-        if constraints == self.mode:
-            return
-        self._take_over(replace(self.parameters, constraints=constraints))
-        self._modes.add(constraints)
-        self._note(f"constraints {constraints}")
-
-    @property
-    def gains(self) -> dict[str, float]:
-        """Those of `GAINS` that do something in the present mode."""
-        if self.parameters.plans:
-            return {_SMOOTHNESS: self.parameters.lookahead.planned_smoothness}
-        return {name: getattr(self.parameters, name) for name in _FEEDBACK}
-
-    def set_gains(self, gains: dict[str, float]) -> None:
-        """Changes gains, likewise; the braking time of the lookahead stays.
-
-        Args:
-            gains: any of `GAINS`.
-
-        Raises:
-            ScenarioError: with them the feedback would diverge.
-        """
-        ahead = self.parameters.lookahead
-        if _SMOOTHNESS in gains:
-            ahead = replace(ahead, smoothness=gains[_SMOOTHNESS])
-        feedback = {name: gains[name] for name in _FEEDBACK if name in gains}
-        self._take_over(replace(self.parameters, lookahead=ahead, **feedback))
-        reported = ", ".join(f"{name} {value:g}" for name, value in gains.items())
-        self._note(reported)
-
     def set_offset(self, task: int, offset: np.ndarray) -> None:
-        """Moves a target away from the motion's.
+        """Lets a target move away from the motion's, at a bounded speed.
 
         Args:
             task: its place in `layout.linear_tasks`.
-            offset: (3,) in W [m].
+            offset: (3,) to go to, in W [m].
 
         Raises:
             CrarError: there is no such task.
@@ -267,12 +196,14 @@ class LiveSimulation:
         if not 0 <= task < len(self.offsets):
             raise CrarError(f"there is no target {task}")
         self.offsets[task] = offset
-        x = np.zeros(self.model.layout.size_x)
-        x[self.model.layout.position_entries.ravel()] = self.offsets.ravel()
-        self._sources[0].set_offset(self._source_contexts[0], x)
         name = self.model.layout.names[self.model.layout.linear_tasks[task]]
         x, y, z = offset
         self._note_drag(f"{name} moved by", f"{x:.3f}, {y:.3f}, {z:.3f} m")
+
+    def take_offsets_away(self) -> None:
+        """Lets all targets move back to the motion's."""
+        for task in np.flatnonzero(self.offsets.any(axis=1)):
+            self.set_offset(int(task), np.zeros(3))
 
     def set_ball(self, goal: np.ndarray | None) -> None:
         """Lets the ball move to a place, no faster than its speed.
@@ -355,19 +286,19 @@ class LiveSimulation:
         return self.scenario.obstacles[int(number)].name, link
 
     def targets(self) -> np.ndarray:
-        """(layout.size,) [x_d; v_d; a_d] as they are now, offsets included."""
+        """(layout.size,) [x_d; v_d; a_d] as they are now, `moved` included."""
         return self._sources[0].get_output_port().Eval(self._source_contexts[0])
 
-    def logged_scenario(self) -> Scenario:
-        """The scenario that says what was done: its gains and pushes.
+    def wanted(self) -> np.ndarray:
+        """(N, 3) where a person wants the targets of position and pose tasks [m]."""
+        at = self.targets()[self.model.layout.position_entries]
+        return at + self.offsets - self.moved
 
-        Of several constraints it has those that promise the least.
-        """
-        weakest = min(self._modes, key=list(MODES).index)
+    def logged_scenario(self) -> Scenario:
+        """The scenario that says what was done: its changes and pushes."""
         return replace(
             self.scenario,
             description="\n".join([self.reported(), *self._changes()]),
-            controller=replace(self.parameters, constraints=weakest),
             disturbances=replace(
                 self.scenario.disturbances, pushes=[*self.pushes, *self._acting]
             ),
@@ -379,22 +310,14 @@ class LiveSimulation:
 
     def reported(self) -> str:
         """What it was, in a line."""
-        words = ["played live"]
-        if len(self._modes) > 1:
-            words.append(f"constraints {', '.join(sorted(self._modes))} in turn")
         done = len(self.events)
-        words.append(f"{done} change{'s' if done != 1 else ''} by hand")
-        return ", ".join(words)
+        return f"played live, {done} change{'s' if done != 1 else ''} by hand"
 
     def log(self) -> SimulationLog:
         """All that is recorded, see `Recorder`."""
         return self.recorder.log(self.logged_scenario())
 
     # --- inside -------------------------------------------------------------------
-
-    def _take_over(self, parameters: CrarParameters) -> None:
-        self.controller.TakeOver(self._controller_context, parameters)
-        self.parameters = parameters
 
     def _set_clock(self) -> None:
         for source, context in zip(self._sources, self._source_contexts, strict=True):
@@ -414,15 +337,22 @@ class LiveSimulation:
         """Where the simulator stands: half a period after the last tick [s]."""
         return self.time + 0.5 * self.period
 
+    def _drag(self) -> None:
+        """Moves targets on their way, for the next tick."""
+        layout, before = self.model.layout, self.moved
+        self.moved = _on_the_way(before, self.offsets, _SPEED * self.period)
+        x, v = np.zeros(layout.size_x), np.zeros(layout.m)
+        x[layout.position_entries] = self.moved
+        v[layout.linear_rows] = (self.moved - before) / self.period
+        self._sources[0].set_offset(self._source_contexts[0], x, v)
+
     def _roll(self) -> None:
         """Moves the ball on its way, for the next tick."""
         if self.ball is None:
             return
-        way = self._ball_goal - self.ball
         # A hair less than its speed, for the rounding.
         most = (1.0 - 1e-9) * _BALL_SPEED * self.period
-        far = np.linalg.norm(way)
-        self.ball = self.ball + way * min(1.0, most / far if far > 0.0 else 0.0)
+        self.ball = _on_the_way(self.ball, self._ball_goal, most)
         shift = np.zeros((len(self.scenario.obstacles), 3))
         shift[-1] = self.ball - self._ball_home
         self._obstacles.shift(self._obstacles_context, shift)
@@ -447,6 +377,13 @@ class LiveSimulation:
         forces.set_value([applied_force(self.plant, frames, push) for push in acting])
         port = self.plant.get_applied_spatial_force_input_port()
         port.FixValue(self._plant_context, forces)
+
+
+def _on_the_way(here: np.ndarray, goal: np.ndarray, most: float) -> np.ndarray:
+    """(..., 3) from here to a goal, each no farther than `most` [m]."""
+    way = goal - here
+    far = np.linalg.norm(way, axis=-1, keepdims=True)
+    return here + way * np.minimum(1.0, most / np.maximum(far, 1e-12))
 
 
 def accepted(check: Callable[[], object]) -> bool:
@@ -475,32 +412,3 @@ def make_ball(setup: Setup) -> MovingObstacle:
     _, y, z = np.vstack(wanted).mean(axis=0) if entries.size else points.mean(axis=0)
     place = Place(0.0, [float(x), float(y), float(z)])
     return MovingObstacle(BALL, _BALL_RADIUS, _BALL_SPEED, [place])
-
-
-def make_governor(motion: DesiredMotion, model: ControlModel) -> TargetGovernor:
-    """Bounds that let a motion pass, and what a person adds to it follow."""
-    layout = model.layout
-    count = int(min(max(motion.duration / 10e-3, 2), _MOST_SAMPLES))
-    samples = np.array(
-        [motion.tasks_at(t) for t in np.linspace(0.0, motion.duration, count)]
-    )
-    v = samples[:, layout.size_x : layout.size_x + layout.m]
-    a = samples[:, layout.size_x + layout.m :]
-    if not np.isfinite(samples).all():
-        raise CrarError("the motion has targets that are not finite")
-
-    def bounds(rows: np.ndarray, least: float) -> tuple[float, float]:
-        speed = np.linalg.norm(v[:, rows], axis=2).max(initial=0.0)
-        change = np.linalg.norm(a[:, rows], axis=2).max(initial=0.0)
-        # Where the motion turns round or stops its rate changes, at most so fast.
-        change += speed * (3.0 / turning_time(motion.duration) + 2.0)
-        return max(least, _ROOM * speed), max(least / _RISE, _ROOM * change)
-
-    governor = TargetGovernor()
-    if len(layout.linear_tasks):
-        speed, change = bounds(layout.linear_rows, _SPEED)
-        governor = replace(governor, speed=speed, acceleration=change)
-    if len(layout.angular_tasks):
-        speed, change = bounds(layout.angular_rows, _ANGULAR_SPEED)
-        governor = replace(governor, angular_speed=speed, angular_acceleration=change)
-    return governor

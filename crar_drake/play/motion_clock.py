@@ -4,7 +4,7 @@ Its time, the *phase* s, is a smooth function of the simulated one, so that targ
 were twice differentiable stay so: s = f(u(t)). The way u(t) goes on at rate 1 or rests,
 and changes from one to the other along a cubic that keeps its acceleration continuous.
 The function f runs to the end of the motion, round and back, without end: prescribed
-joints have no governor, and a jump to the beginning would be one of theirs.
+joints cannot jump to the beginning.
 """
 
 from __future__ import annotations

@@ -11,7 +11,6 @@ from pathlib import Path
 from pydrake.common import FindResourceOrThrow
 from pydrake.multibody.tree import BodyIndex
 
-from crar_drake.control.modes import MODES
 from crar_drake.play.live_scene import NEAR_PAIRS, PREFIX, LiveScene
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import FASTEST, SLOWEST
@@ -36,7 +35,7 @@ def make_page(live: LiveSimulation, scene: LiveScene, meshcat_port: int) -> str:
         "meshcatPort": meshcat_port,
         "period": live.period,
         "duration": live.duration,
-        "modes": list(MODES),
+        "mode": live.mode,
         "tasks": [spoken(layout.names[i]) for i in layout.linear_tasks],
         "pairs": [spoken(f"{a} - {b}") for a, b in live.model.pairs.names],
         "most": NEAR_PAIRS,

@@ -2,8 +2,6 @@
 
     {"do": "pause"}  {"do": "resume"}  {"do": "step"}  {"do": "stop"}
     {"do": "speed", "value": 0.5}
-    {"do": "mode", "value": "lookahead"}
-    {"do": "gains", "value": {"K": 30, "Kp": 300}}              any of `GAINS`
     {"do": "offset", "task": 0, "value": [0.1, 0, 0]}           of a target [m]
     {"do": "home"}                                              no offsets
     {"do": "ball", "value": [1, 0, 1]}                          to a place [m]
@@ -19,16 +17,13 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from crar_drake.control.modes import MODES
 from crar_drake.errors import CrarError
-from crar_drake.play.live_simulation import GAINS
 from crar_drake.play.pacing import FASTEST, SLOWEST
 
 LONGEST = 2048  # [bytes]
 FARTHEST = 2.0  # of an offset, in each direction [m]
 FARTHEST_BALL = 10.0  # likewise, from the origin of the world [m]
 STRONGEST = 500.0  # of a push, in each direction [N]
-SMALLEST_GAIN, LARGEST_GAIN = 1e-6, 1e4
 # Far more frames than a robot has.
 _MOST_TASKS = 1000
 
@@ -100,12 +95,6 @@ def _switch(value: object) -> bool:
     return value
 
 
-def _mode(value: object) -> str:
-    if value not in tuple(MODES):
-        raise RequestError(f"there are no constraints {str(value)[:40]!r}")
-    return str(value)
-
-
 def _vector(most: float) -> Callable[[object], tuple[float, ...]]:
     def read(value: object) -> tuple[float, ...]:
         if not isinstance(value, list) or len(value) != 3:
@@ -113,12 +102,6 @@ def _vector(most: float) -> Callable[[object], tuple[float, ...]]:
         return tuple(_number(x, -most, most) for x in value)
 
     return read
-
-
-def _gains(value: object) -> dict[str, float]:
-    if not isinstance(value, dict) or not value or set(value) - set(GAINS):
-        raise RequestError(f"gains are {', '.join(GAINS)}")
-    return {name: _number(x, SMALLEST_GAIN, LARGEST_GAIN) for name, x in value.items()}
 
 
 # How the value is read, None if there is none, and what else a request has.
@@ -129,8 +112,6 @@ _KINDS: dict[str, tuple[Callable[[object], object] | None, tuple[str, ...]]] = {
     "stop": (None, ()),
     "home": (None, ()),
     "speed": (lambda value: _number(value, SLOWEST, FASTEST), ()),
-    "mode": (_mode, ()),
-    "gains": (_gains, ()),
     "offset": (_vector(FARTHEST), ("task",)),
     "ball": (_vector(FARTHEST_BALL), ()),
     "ball away": (None, ()),

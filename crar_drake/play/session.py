@@ -170,16 +170,10 @@ class PlaySession:
                     self._stopped = True
                 case "speed":
                     pacer.set_speed(request.value, now, live.time)
-                case "mode":
-                    live.set_mode(request.value)
-                case "gains":
-                    live.set_gains(request.value)
                 case "offset":
                     live.set_offset(request.task, np.array(request.value))
                 case "home":
-                    for task in range(len(live.offsets)):
-                        if live.offsets[task].any():
-                            live.set_offset(task, np.zeros(3))
+                    live.take_offsets_away()
                 case "ball":
                     live.set_ball(np.array(request.value))
                 case "ball away":
@@ -188,7 +182,7 @@ class PlaySession:
                     live.set_motion(request.value)
                 case "push":
                     live.push(request.frame, np.array(request.value))
-        except CrarError as error:  # wrong for this robot, or these gains
+        except CrarError as error:  # wrong for this robot
             self.say(str(error))
 
 

@@ -63,7 +63,11 @@ def position_tasks(frames: list[str]) -> list[Task]:
 
     Args:
         frames: task frames of the robot description, or any frames of the plant.
+
+    Raises:
+        ModelError: it is one name, not a list.
     """
+    _check_list(frames)
     return [Task(frame=frame) for frame in frames]
 
 
@@ -73,7 +77,11 @@ def joint_tasks(joints: list[str], weight: float = 1.0) -> list[Task]:
     Args:
         joints: controlled joints of the plant.
         weight: of each.
+
+    Raises:
+        ModelError: as of `position_tasks`.
     """
+    _check_list(joints)
     return [Task(kind="joint", joint=name, position_weight=weight) for name in joints]
 
 
@@ -86,7 +94,11 @@ def pose_tasks(
         frames: as of `position_tasks`.
         orientation_weight: of each [m/rad].
         position_weight: of each [1].
+
+    Raises:
+        ModelError: as of `position_tasks`.
     """
+    _check_list(frames)
     return [
         Task(
             frame=frame,
@@ -96,6 +108,12 @@ def pose_tasks(
         )
         for frame in frames
     ]
+
+
+def _check_list(names: list[str]) -> None:
+    # Each letter would be a name.
+    if isinstance(names, str):
+        raise ModelError(f"tasks: {names!r} is one name; give a list, [{names!r}]")
 
 
 def experiment_tasks(experiment: str) -> list[Task]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
@@ -36,7 +36,7 @@ from crar_drake.simulation.moving_obstacles import ObstacleSource
 from crar_drake.simulation.scenario import (
     Scenario,
     SimulatedRobot,
-    check_periods,
+    check_multiple,
 )
 from crar_drake.simulation.visuals import draw_collision_shapes, set_surroundings
 from crar_drake.targets.desired_motion import DesiredMotion
@@ -127,14 +127,14 @@ def AddCrarController(
             actuators than the control model or stands elsewhere, or a name is not in
             it; or its actuation is connected already; or its base floats, or something
             that moves carries it; or `model_instance` lacks `control_model`.
-        ScenarioError: a parameter is out of range, or the control period or the
-            torque period is not a multiple of the plant's time step.
+        ScenarioError: a parameter is out of range, or the control period is not a
+            multiple of the plant's time step.
     """
     parameters = parameters or CrarParameters()
     modes.validate(parameters)
     if not plant.is_finalized():
         raise ModelError("the plant is not finalized: call plant.Finalize() first")
-    check_periods(parameters, plant.time_step())
+    check_multiple("controller.period", parameters.period, plant.time_step())
     part = () if model_instance is None else (model_instance,)
     if part and control_model is None:
         raise ModelError(
@@ -455,15 +455,13 @@ def AddStandingController(
     """
     parameters = parameters or CrarParameters()
     modes.validate(parameters)
-    check_periods(parameters, plant.time_step())
+    check_multiple("controller.period", parameters.period, plant.time_step())
     ours, theirs = _position_names(law.plant), _position_names(plant)
     if ours != theirs:
         raise ModelError(
             f"the plant has positions {theirs} but the standing law {ours}; they must "
             "be the same robot"
         )
-    # Its torques, of a root that is welded, go nowhere.
-    parameters = replace(parameters, torque_period=parameters.period)
     controller = builder.AddSystem(
         CrarController(model, parameters, plant_is_discrete=False)
     )

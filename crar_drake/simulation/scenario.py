@@ -214,7 +214,9 @@ class Scenario:
                 f"simulator_config.start_time: {self.simulator_config.start_time:g} s "
                 "must be 0, where every motion starts"
             )
-        check_periods(self.controller, self.plant_config.time_step)
+        check_multiple(
+            "controller.period", self.controller.period, self.plant_config.time_step
+        )
 
     def _validate_standing(self, standing: Standing) -> None:
         friction = standing.friction
@@ -254,15 +256,6 @@ class Scenario:
         return yaml_dump_typed(self)
 
 
-def check_periods(parameters: CrarParameters, time_step: float) -> None:
-    """Raises ScenarioError unless the plant steps at each of the controller's ticks.
-
-    Args:
-        time_step: as of `check_multiple`.
-    """
-    check_multiple("controller.period", parameters.period, time_step)
-    if parameters.torque_period is not None:
-        check_multiple("controller.torque_period", parameters.torque_period, time_step)
 
 
 def check_multiple(name: str, period: float, time_step: float) -> None:

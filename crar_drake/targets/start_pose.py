@@ -24,7 +24,6 @@ _GAINS = PaperGains(
     damping=0.05,
     Gv=math.nan,
     GvN=math.nan,
-    Gv_near=math.nan,
     rho=1e-3,
     alpha=50.0,
     beta=2.0,

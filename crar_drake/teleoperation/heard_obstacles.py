@@ -55,15 +55,10 @@ class HeardObstacles:
             now: the present instant [s].
         """
         spheres = [
-            (
-                of.position,
-                of.end or of.position,
-                of.radius + of.speed * abs(now - heard),
-                of.speed,
-            )
+            (of.position, of.radius + of.speed * abs(now - heard), of.speed)
             for of, heard in self._heard.values()
         ]
         if not spheres:
             return _NONE
-        centres, ends, radii, speeds = zip(*spheres, strict=True)
-        return Obstacles(centres, radii, speeds, tuple(self._heard), ends=ends)
+        centres, radii, speeds = zip(*spheres, strict=True)
+        return Obstacles(centres, radii, speeds, tuple(self._heard))

@@ -16,8 +16,7 @@ targets are followed. The robot says where its joints are [rad or m]:
     {"measured": {"left_elbow": -0.52, "left_shoulder_x": 0.1}}
 
 Obstacles that move by themselves may be told: spheres in W, with a bound of their
-speed, by any names; null takes one away. With an "end" it is a capsule from there to
-there.
+speed, by any names; null takes one away.
 
     {"obstacles": {"person": {"position": [1, 0, 1], "radius": 0.3, "speed": 1.6},
                    "trolley": null}}
@@ -87,14 +86,11 @@ class Measured:
 
 @dataclass(frozen=True)
 class Heard:
-    """An obstacle, as it is told of."""
+    """A sphere that moves, as it is told of."""
 
-    # (3,) of the sphere's centre in W [m]; of a capsule one end of its axis
-    position: tuple[float, float, float]
+    position: tuple[float, float, float]  # (3,) of its centre, in W [m]
     radius: float  # [m]
     speed: float  # that no point of it exceeds [m/s]
-    # (3,) of a capsule the other end; None of a sphere
-    end: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -127,20 +123,20 @@ def parse(
     if said == {"drive": True}:
         return Drive()
     if set(said) == {"measured"}:
-        return make_measured(said["measured"], joints)
+        return _make_measured(said["measured"], joints)
     if set(said) == {"obstacles"}:
-        return make_obstacles(said["obstacles"])
+        return _make_obstacles(said["obstacles"])
     unknown = set(said) - {"time", "targets"}
     if unknown or not isinstance(said.get("targets"), dict):
         raise MessageError('give "targets", and "time" if you like')
     time = None if said.get("time") is None else _number(said["time"], math.inf)
-    return make_targets(time, said["targets"], layout)
+    return _make_targets(time, said["targets"], layout)
 
 
-def make_targets(
+def _make_targets(
     time: float | None, targets: Mapping[str, object], layout: TaskLayout
 ) -> TargetMessage:
-    """Checks targets by name, from whatever message.
+    """Checks targets by name.
 
     Args:
         time: on the sender's clock [s], or None.
@@ -160,8 +156,8 @@ def make_targets(
     return TargetMessage(time, found)
 
 
-def make_measured(positions: object, joints: Collection[str]) -> Measured:
-    """Checks measured positions by name, from whatever message.
+def _make_measured(positions: object, joints: Collection[str]) -> Measured:
+    """Checks measured positions by name.
 
     Args:
         positions: joint to position [rad or m].
@@ -178,7 +174,7 @@ def make_measured(positions: object, joints: Collection[str]) -> Measured:
     return Measured({name: _number(x, _FARTHEST) for name, x in positions.items()})
 
 
-def make_obstacles(obstacles: object) -> ObstacleMessage:
+def _make_obstacles(obstacles: object) -> ObstacleMessage:
     """Checks obstacles by name.
 
     Args:
@@ -198,29 +194,21 @@ def make_obstacles(obstacles: object) -> ObstacleMessage:
         if told is None:
             found[name] = None
             continue
-        if not isinstance(told, dict) or set(told) - {"end"} != _OBSTACLE:
-            raise MessageError(
-                "an obstacle has position, radius and speed, and an end if it is a "
-                "capsule, or is null"
-            )
-        position = _place(told, "position")
-        end = _place(told, "end") if "end" in told else None
+        if not isinstance(told, dict) or set(told) != _OBSTACLE:
+            raise MessageError("an obstacle has position, radius and speed, or is null")
+        place = told["position"]
+        if not isinstance(place, list) or len(place) != 3:
+            raise MessageError("position has 3 numbers")
+        x, y, z = (_number(value, _FARTHEST) for value in place)
         radius, speed = (_number(told[key], _FARTHEST) for key in ("radius", "speed"))
         if radius < 0.0 or speed < 0.0:
             raise MessageError("radius and speed are not negative")
-        found[name] = Heard(position, radius, speed, end)
+        found[name] = Heard((x, y, z), radius, speed)
     return ObstacleMessage(found)
 
 
-def _place(told: dict, key: str) -> tuple[float, float, float]:
-    if not isinstance(told[key], list) or len(told[key]) != 3:
-        raise MessageError(f"{key} has 3 numbers")
-    x, y, z = (_number(value, _FARTHEST) for value in told[key])
-    return x, y, z
-
-
 def as_targets(x: np.ndarray, layout: TaskLayout) -> dict[str, dict]:
-    """Places as targets that could be sent, the inverse of `make_targets`.
+    """Places as targets that could be sent, the inverse of `_make_targets`.
 
     Args:
         x: (size_x,) of the tasks, or longer.
@@ -294,7 +282,7 @@ class Command:
     torques: np.ndarray  # (nu,) at the state that the period begins in [Nm or N]
     distance: float  # of the nearest watched pair [m]; infinite if none is watched
     admitted: str  # "nominal", "corrected", or "scaled", see docs/theory/theorem.md
-    driver: str | None = None  # who is followed, "host:port" or "LCM"; None: nobody
+    driver: str | None = None  # who is followed, "host:port"; None: nobody
     # how far the robot was from what it was told when it was heard last [rad or m]; NaN
     # if it never was
     tracking_error: float = math.nan

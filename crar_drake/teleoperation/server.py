@@ -1,4 +1,4 @@
-"""The loop of `crar-drake serve`: targets in over UDP or LCM, safe commands out.
+"""The loop of `crar-drake serve`: targets in over UDP, safe commands out.
 
 One thread does all of it. Between two ticks it waits for messages and judges them as
 they come; at each tick it takes a control step and sends the command. No message can
@@ -21,12 +21,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from crar_drake.addresses import cannot_listen, check_address, family_of
-from crar_drake.errors import CrarError
 from crar_drake.teleoperation.filtered_motion import FilteredMotion
 from crar_drake.teleoperation.followed_robot import FollowedRobot
 from crar_drake.teleoperation.heard_obstacles import HeardObstacles
 from crar_drake.teleoperation.latencies import Latencies
-from crar_drake.teleoperation.lcm_link import LcmLink, decode
 from crar_drake.teleoperation.messages import (
     LONGEST,
     Command,
@@ -54,7 +52,6 @@ _MOST_CLIENTS = 8
 _CLIENT_TIMEOUT = 5.0  # [s] of silence
 # A robot that got no command for so long is taken to have stopped [s].
 _STALL = 0.1
-_LCM_POLL = 1e-3  # [s] LCM has no socket to wait for
 
 MALFORMED, OVERSIZED, FLOODING = "malformed", "oversized", "flooding"
 NOT_DRIVING = "not driving"
@@ -167,7 +164,6 @@ class TeleoperationServer:
         gate: Gate | None = None,
         host: str = "127.0.0.1",
         port: int = 0,
-        lcm_url: str = "",
         opened: socket.socket | None = None,
         latency: float = 0.0,
         tracking_error: float = math.inf,
@@ -177,7 +173,6 @@ class TeleoperationServer:
         Args:
             gate: what a target may be.
             host, port: see `listen`.
-            lcm_url: "" for no LCM.
             opened: of `listen`, instead of a new one; it is closed here then.
             latency: of measured positions [s].
             tracking_error: where a joint is farther than this from what it was told,
@@ -191,7 +186,7 @@ class TeleoperationServer:
         """
         self.motion = motion
         model = motion.model
-        self.stream = TargetStream(motion.layout, gate or Gate())
+        self.stream = TargetStream(motion.layout, gate or Gate(), motion.period)
         self.statistics = Statistics(targets=self.stream.counts)
         self.period = motion.period
         self.robot = FollowedRobot(model.position_names, latency, tracking_error)
@@ -199,15 +194,8 @@ class TeleoperationServer:
         self._start_measured = start_measured
         self._socket = opened or listen(host, port)
         self.address: Address = self._socket.getsockname()[:2]
-        self._lcm = None
-        if lcm_url:
-            try:
-                self._lcm = LcmLink(lcm_url, motion.layout, self._names())
-            except CrarError:
-                self.close()
-                raise
         self._clients: dict[Address, float] = {}
-        self._driver: object = None  # whose targets are followed
+        self._driver: Address | None = None  # whose targets are followed
         self._driven = -math.inf  # when that one's last targets came [s]
         self._arrived: list[float] = []  # of targets that no command knows yet
         self._of: float | None = None
@@ -329,15 +317,10 @@ class TeleoperationServer:
     def _wait(self, until: float) -> None:
         """Takes messages as they come, until it is time for the next step."""
         while (left := until - time.monotonic()) > 0.0:
-            if self._lcm is not None:
-                self._receive_lcm(until)
-                left = min(left, _LCM_POLL)
             if select.select([self._socket], [], [], left)[0]:
                 self._receive(until)
         # Also those that came while nothing waited.
         self._receive(until)
-        if self._lcm is not None:
-            self._receive_lcm(until)
 
     def _receive(self, until: float = math.inf) -> None:
         """Reads what is there. What is beyond the period's budget, or read later than
@@ -371,27 +354,6 @@ class TeleoperationServer:
     def _flooded(self, count: int) -> None:
         if count > 0:
             self.statistics.messages[FLOODING] += count
-
-    def _receive_lcm(self, until: float) -> None:
-        """The same of LCM, where what is not read waits in a queue of LCM's own."""
-        if self._budget <= 0:
-            return
-        for channel, data in self._lcm.poll(self._budget):
-            self._budget -= 1
-            now = time.monotonic()
-            if self._too_many(now, until):
-                self.statistics.messages[FLOODING] += 1
-                continue
-            try:
-                message = decode(channel, data, self.stream.layout, self.robot.names)
-                if not self._learn(message, now):
-                    self._use(message, now, "LCM")
-            except MessageError as error:
-                self._note(error)
-
-    def _too_many(self, now: float, until: float) -> bool:
-        first = self._budget == _MOST_PER_PERIOD - 1
-        return self._budget < 0 or (now > until and not first)
 
     def _take(self, data: bytes, sender: Address, now: float) -> None:
         if len(data) > LONGEST:
@@ -443,8 +405,6 @@ class TeleoperationServer:
         """Who drives; None if nobody has for a while."""
         if now - self._driven > self.stream.gate.timeout:
             return None
-        if isinstance(self._driver, str):
-            return self._driver
         host, port = self._driver[:2]
         return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
@@ -452,7 +412,7 @@ class TeleoperationServer:
         self.statistics.messages[MALFORMED] += 1
         self.statistics.last_error = str(error)[:200]
 
-    def _use(self, message: TargetMessage, now: float, sender: object) -> None:
+    def _use(self, message: TargetMessage, now: float, sender: Address) -> None:
         if sender != self._driver and self._named(now) is not None:
             self.statistics.messages[NOT_DRIVING] += 1
             return
@@ -463,8 +423,6 @@ class TeleoperationServer:
             self._of = message.time
 
     def _send(self, command: Command, now: float) -> None:
-        if self._lcm is not None:
-            self._lcm.publish(command)
         silent = [c for c, at in self._clients.items() if now - at > _CLIENT_TIMEOUT]
         for client in silent:
             del self._clients[client]
@@ -497,12 +455,3 @@ class TeleoperationServer:
     def _actuators(self) -> list[str]:
         plant = self.motion.model.plant
         return list(plant.GetActuatorNames(add_model_instance_prefix=False))
-
-    def _names(self) -> list[str]:
-        model = self.motion.model
-        return [
-            *(f"q.{name}" for name in model.position_names),
-            *(f"v.{name}" for name in model.velocity_names),
-            *(f"tau.{name}" for name in self._actuators()),
-            "braking",
-        ]

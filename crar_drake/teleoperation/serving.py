@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from crar_drake.control import modes
-from crar_drake.control.parameters import TargetGovernor
 from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import load_robot_description
@@ -18,10 +17,6 @@ from crar_drake.teleoperation.filtered_motion import FilteredMotion
 from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer, listen
 from crar_drake.teleoperation.target_stream import Gate
-
-# How fast a governed target may change its velocity: from rest to the gate's speed in
-# so long [s].
-_RISE = 0.1
 
 
 def make_server(
@@ -35,7 +30,6 @@ def make_server(
     start: Mapping[str, float] | None = None,
     host: str = "127.0.0.1",
     port: int = 0,
-    lcm_url: str = "",
     latency: float = 0.0,
     tracking_error: float = math.inf,
     start_measured: bool = False,
@@ -50,10 +44,9 @@ def make_server(
         joints: whether targets are positions of joints, which `SafetyFilter` makes
             safe; of the scenario the robot and `lookahead.tracking_error` count then.
         rate: commands per second [Hz].
-        gate: what a target may be; it is also the governor's, unless the scenario has
-            one of its own.
+        gate: what a target may be.
         start: see `SafeMotion`.
-        host, port, lcm_url, latency, tracking_error, start_measured: see
+        host, port, latency, tracking_error, start_measured: see
             `TeleoperationServer`.
 
     Raises:
@@ -66,14 +59,13 @@ def make_server(
         if joints:
             motion = _make_filtered(scenario, robot, experiment, rate, gate, start)
         else:
-            motion = _make_motion(scenario, robot, experiment, rate, gate, start)
+            motion = _make_motion(scenario, robot, experiment, rate, start)
     except BaseException:
         opened.close()
         raise
     return TeleoperationServer(
         motion,
         gate,
-        lcm_url=lcm_url,
         opened=opened,
         latency=latency,
         tracking_error=tracking_error,
@@ -119,28 +111,17 @@ def _make_motion(
     robot: str,
     experiment: str,
     rate: float,
-    gate: Gate,
     start: Mapping[str, float] | None,
 ) -> SafeMotion:
     loaded = load_scenario(scenario)
     if experiment:
         loaded.experiment, loaded.tasks = experiment, []
-    governor = loaded.controller.governor
-    if governor.bounds() is None:
-        governor = TargetGovernor(
-            speed=gate.speed,
-            acceleration=gate.speed / _RISE,
-            angular_speed=gate.angular_speed,
-            angular_acceleration=gate.angular_speed / _RISE,
-        )
     period = 1.0 / rate
     try:
         parameters = replace(
             loaded.controller,
             constraints="lookahead",
             period=period,
-            torque_period=None,
-            governor=governor,
         )
         modes.validate(parameters)
     except ScenarioError as error:

@@ -22,11 +22,11 @@ VERDICTS = (PASSED, CLAMPED, REJECTED, LATE)
 class Gate:
     """What a target may be."""
 
-    speed: float = 1.5  # faster ones are clamped, as by the governor [m/s]
-    angular_speed: float = 6.0  # of orientations, clamped as well [rad/s]
+    speed: float = 1.5  # that targets are approached at, at most [m/s]
+    angular_speed: float = 6.0  # the same of orientations [rad/s]
     # faster targets of tasks that are joints count as clamped, and are taken to be at
-    # rest where they are. The governor passes joints as they are: how fast they go is
-    # bounded by the robot's speed limits [rad/s or m/s].
+    # rest where they are. How fast joints go is bounded by the robot's own speed limits
+    # alone [rad/s or m/s].
     joint_speed: float = 3.0
     # targets that are farther than this from where the robot's point is are rejected,
     # but for joints [m]
@@ -47,21 +47,78 @@ class _Track:
     interval: float = 0.0  # to the one before [s]
 
 
+class RateLimiter:
+    """Approaches targets that jump, at a bounded speed.
+
+    Of each period's targets a position or an orientation is passed as it is if it is no
+    farther from what was passed before than the gate's speed leads in a period. Else it
+    is what lies as far on the way there, a turn by the shorter way. Joints are passed.
+    """
+
+    def __init__(self, layout: TaskLayout, gate: Gate, period: float) -> None:
+        """
+        Args:
+            period: between two calls [s].
+        """
+        self._layout, self._period = layout, period
+        self._farthest = gate.speed * period
+        self._largest_turn = gate.angular_speed * period
+        self._last: np.ndarray | None = None  # (size,) what was passed before
+
+    def limit(self, desired: np.ndarray, here: np.ndarray) -> np.ndarray:
+        """(layout.size,) [x; v; a] within reach.
+
+        Args:
+            desired: (layout.size,) [x_d; v_d; a_d]; NaN if there are no targets.
+            here: (layout.size,) [x; ...] where the robot's points are, and where it
+                begins at first and after targets were lost.
+        """
+        if np.isnan(desired).any():
+            self._last = None
+            return desired
+        last, limited = here if self._last is None else self._last, desired.copy()
+        layout, at_v = self._layout, self._layout.size_x
+        for x, rows in zip(layout.position_entries, layout.linear_rows, strict=True):
+            way = desired[x] - last[x]
+            share = _share(way, self._farthest)
+            if share < 1.0:
+                limited[x] = last[x] + share * way
+                limited[at_v + rows] = share * way / self._period
+        for x, rows in zip(layout.quaternion_entries, layout.angular_rows, strict=True):
+            way = _velocity(last[x], desired[x], "orientation")
+            share = _share(way, self._largest_turn)
+            if share < 1.0:
+                limited[x] = _turned(last[x], share * way)
+                limited[at_v + rows] = share * way / self._period
+        self._last = limited
+        return limited
+
+
+def _share(way: np.ndarray, most: float) -> float:
+    """The share of a way (3,) that is as long as `most`, at most 1."""
+    length = np.linalg.norm(way)
+    return most / length if length > most else 1.0
+
+
 @dataclass
 class TargetStream:
     """Judges what arrives, and fills the time between with what it says.
 
     A target goes on at the speed between the last two for as long as these were apart,
-    at most 0.1 s, and then stands still. What is too fast stands still at once; the
-    control law's governor makes a motion within its bounds of it, unless it is a joint.
+    at most 0.1 s, and then stands still. What is too fast stands still at once, and is
+    approached at a bounded speed, unless it is a joint.
     """
 
     layout: TaskLayout  # of the tasks
     gate: Gate  # what a target may be
+    period: float  # between two calls of `desired_at` [s]
     # verdict to how many targets there were of it
     counts: Counter = field(default_factory=Counter)
     _tracks: dict[int, _Track] = field(default_factory=dict)
     _stays: dict[int, np.ndarray] = field(default_factory=dict)  # of lost tasks
+
+    def __post_init__(self) -> None:
+        self._limiter = RateLimiter(self.layout, self.gate, self.period)
 
     def take(
         self,
@@ -113,7 +170,7 @@ class TargetStream:
             # Braking is not staying: where it ends is where a task will stay.
             self._stays.clear()
             desired[:] = np.nan
-        return desired
+        return self._limiter.limit(desired, here)
 
     def _judge(
         self,
@@ -197,11 +254,15 @@ def _extrapolated(
     moved = age * track.v
     if kind in ("position", "joint"):
         return track.x + moved, v
-    turned = Rotation.from_rotvec(moved[:3]) * _rotation(track.x)
-    quaternion = turned.as_quat()[[3, 0, 1, 2]]
+    quaternion = _turned(track.x, moved[:3])
     if kind == "orientation":
         return quaternion, v
     return np.concatenate((quaternion, track.x[4:] + moved[3:])), v
+
+
+def _turned(x: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """The quaternion (4,) at the beginning of x, turned by phi (3,) in the world."""
+    return (Rotation.from_rotvec(phi) * _rotation(x)).as_quat()[[3, 0, 1, 2]]
 
 
 def _rotation(x: np.ndarray) -> Rotation:

@@ -38,7 +38,6 @@ FIGURES = {
     ("wrists", "acceleration"): (0.030, 100.0, 200.0, 1.0, 0.0),
     ("wrists", "lookahead"): (0.030, 90.0, 200.0, 1.0, 0.0),
     ("wrists", "inertia"): (0.032, 60.0, 200.0, 1.0, 0.0),
-    ("wrists", "adaptive-gain"): (0.033, 100.0, 200.0, 1.0, 0.0),
     ("wrists", "less-damping"): (0.020, 110.0, 200.0, 1.0, 0.0),
     ("upper-body", "velocity"): (0.060, 50.0, 400.0, 20.0, 0.0),
     ("upper-body", "acceleration"): (0.065, 45.0, 100.0, 1.0, 0.0),
@@ -121,7 +120,7 @@ def verdicts(changes: dict | None = None, raw=None) -> dict[tuple[str, str], boo
     """By source and the beginning of the statement."""
     findings = check_findings(*made_up(changes), lambda *_: raw or raw_log(6, 7))
     found = {(f.source, f.statement): f.holds for f in findings}
-    assert len(found) == len(findings) == 16
+    assert len(found) == len(findings) == 15
     for f in findings:
         assert f.figures and f.criterion
         assert f.verdict == ("holds" if f.holds else "does not hold")

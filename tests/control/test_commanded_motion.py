@@ -15,7 +15,7 @@ from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 
-PERIOD = 0.005  # [s], the torque's, too
+PERIOD = 0.005  # [s]
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def loop():
     plant, scene_graph = add_plant(DiagramBuilder(), chain_urdf("zyz"), time_step=0.0)
     description = RobotDescription(pairs=[["l2", "post"]], rest_posture={"j1": 0.4})
     model = ControlModel.FromPlant(plant, scene_graph, description, [Task(frame="tip")])
-    parameters = CrarParameters(period=PERIOD, torque_period=PERIOD)
+    parameters = CrarParameters(period=PERIOD)
     builder = DiagramBuilder()
     controller = CrarController(model, parameters, plant_is_discrete=False)
     builder.AddSystem(controller)

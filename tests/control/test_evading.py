@@ -185,29 +185,23 @@ def test_the_rows_are_the_rates_of_distances(evading, witness):
         place = witness.places()[rng.integers(len(evading.links))]
         way = rng.normal(size=3)
         begin = place + rng.uniform(0.1, 0.2) * way / np.linalg.norm(way)
-        end = begin + rng.choice([0.0, 0.2]) * rng.normal(size=3)
-        motion = rng.normal(0.0, 0.3, (2, 3))
-        if (begin == end).all():
-            motion[1] = motion[0]
-        people = Obstacles([begin], SIZE, 1.0, ["one"], ends=[end])
+        velocity = rng.normal(0.0, 0.3, 3)
+        people = Obstacles([begin], SIZE, 1.0, ["one"])
         regions = among.regions(None, people, q, v)
         was = replace(
             regions.seen,
-            spheres=Obstacles(
-                [begin - PERIOD * motion[0]], SIZE, 1.0, ["one"],
-                ends=[end - PERIOD * motion[1]],
-            ),
-            motion=np.full((2, 1, 3), np.nan),
+            spheres=Obstacles([begin - PERIOD * velocity], SIZE, 1.0, ["one"]),
+            velocity=np.full((1, 3), np.nan),
             age=np.full(1, PERIOD),
-        )  # fmt: skip
+        )
         regions = among.regions(replace(regions, seen=was), people, q, v)
-        np.testing.assert_allclose(regions.seen.motion[:, 0], motion, atol=1e-9)
+        np.testing.assert_allclose(regions.seen.velocity[0], velocity, atol=1e-9)
         moving = among._moving(regions.seen)
         g, least, who = evading_rows(q, v, v, moving, law.robot.value, among._world)
 
-        def distance(q, t, begin=begin, end=end, motion=motion):
-            b, e = begin + t * motion[0], end + t * motion[1]
-            return witness.look(q, 0 * q, b[None], SIZE, e[None])[0][:, 0]
+        def distance(q, t, begin=begin, velocity=velocity):
+            centre = begin + t * velocity
+            return witness.look(q, 0 * q, centre[None], SIZE)[0][:, 0]
 
         d = distance(q, 0.0)
         comes = -(distance(q, step) - distance(q, -step)) / (2 * step)
@@ -274,21 +268,21 @@ def test_a_velocity_is_seen_of_measurements_that_come_at_times(evading):
         return Obstacles([[x, 2.0, 1.0]], radius, 1.0, ["Ann"])
 
     regions = among.regions(None, at(3.0), q, 0 * q)
-    assert np.isnan(regions.seen.motion).all()
+    assert np.isnan(regions.seen.velocity).all()
     for k in range(1, 6):
         regions = among.regions(regions.later(PERIOD), at(3.0 + 0.01 * k), q, 0 * q)
-    np.testing.assert_allclose(regions.seen.motion[:, 0, 0], 0.01 / PERIOD)
+    np.testing.assert_allclose(regions.seen.velocity[0, 0], 0.01 / PERIOD)
     # Nothing is measured: who tells of her says how much she may have moved.
     for k in range(1, 4):
         grown = at(3.05, 0.1 + k * PERIOD)
         regions = among.regions(regions.later(PERIOD), grown, q, 0 * q)
     np.testing.assert_allclose(regions.seen.age, 3 * PERIOD)
-    assert among._moving(regions.seen).shapes.centre[0, 0] == pytest.approx(3.08)
+    assert among._moving(regions.seen).spheres.centre[0, 0] == pytest.approx(3.08)
     regions = among.regions(regions.later(PERIOD), at(3.05 + 0.04), q, 0 * q)
-    np.testing.assert_allclose(regions.seen.motion[:, 0, 0], 0.01 / PERIOD)
+    np.testing.assert_allclose(regions.seen.velocity[0, 0], 0.01 / PERIOD)
     for k in range(30):
         regions = among.regions(regions.later(PERIOD), at(9.0 + k), q, 0 * q)
-    np.testing.assert_allclose(regions.seen.motion[:, 0, 0], 1.0, rtol=1e-3)
+    np.testing.assert_allclose(regions.seen.velocity[0, 0], 1.0, rtol=1e-3)
 
 
 def test_any_number_of_them_is_of_the_type_that_was_compiled(evading):
@@ -297,8 +291,8 @@ def test_any_number_of_them_is_of_the_type_that_was_compiled(evading):
     for n in (1, 3, 10):
         many = Obstacles(np.arange(3.0 * n).reshape(n, 3), 0.1, 1.0)
         regions = among.regions(None, many, q, 0 * q).later(PERIOD)
-        shapes, begin, end = among._moving(among.regions(regions, many, q, 0 * q).seen)
-        for array in (*shapes, begin, end):
+        spheres, velocity = among._moving(among.regions(regions, many, q, 0 * q).seen)
+        for array in (*spheres, velocity):
             assert array.flags.c_contiguous and array.dtype == float
 
 
@@ -314,7 +308,7 @@ def test_measurements_that_are_late_and_lost_evade_as_well(evading, witness, han
 
 @pytest.mark.parametrize("robot, period", [("obstacle_arm", 0.02), ("jaw", 0.005)])
 def test_whoever_runs_at_what_evades_touches_nothing_that_is_fast(robot, period):
-    """Policies that jump, swing and are lost; measurements exact, late and noisy."""
+    """Policies that jump, swing and are lost; measurements that come always or late."""
     subject = load_subject(robot)
     model, judge = subject.model(subject.task_set(0)), subject.filter(period)[1]
     ahead = replace(filter_parameters(period), evade=True)

@@ -1,7 +1,5 @@
 """Between control ticks the acceleration is held, not the torque."""
 
-import re
-
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -14,20 +12,18 @@ from pydrake.systems.primitives import (
 from scipy.optimize import linprog
 from small_robots import add_plant, chain_urdf, make_model
 
-from crar_drake.control import effort_limits
-from crar_drake.control.controller import CrarController
+from crar_drake.control import effort_limits, parameters
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import InputError
 from crar_drake.equations.admission import SCALED
-from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.simulation.diagram import AddCrarController, MakeCrarDiagram
 from crar_drake.simulation.disturbances import Disturbances
-from crar_drake.simulation.scenario import load_scenario, parse_scenario
+from crar_drake.simulation.scenario import load_scenario
 from tests.controller_parts import part_port
 
 STEP = 1e-3  # time step of the discrete plants [s]
@@ -114,20 +110,26 @@ def count(monkeypatch: pytest.MonkeyPatch, owner: type, name: str) -> list[str]:
     return calls
 
 
+def torque_every(monkeypatch: pytest.MonkeyPatch, time: float) -> None:
+    """Lets torques be computed so far apart at most [s], instead of a millisecond."""
+    monkeypatch.setattr(parameters, "_TORQUE_PERIOD", time)
+
+
 @pytest.mark.parametrize("constraints", ["lookahead", "paper", "none"])
-def test_the_plant_accelerates_as_commanded_at_every_step(constraints):
+def test_the_plant_accelerates_as_commanded_at_every_step(constraints, monkeypatch):
     """And not where the torque is what is held, on the same way."""
     off = {}
-    for torque_period in (None, PERIOD):
-        loop = Loop(constraints=constraints, torque_period=torque_period)
+    for time in (STEP, PERIOD):
+        torque_every(monkeypatch, time)
+        loop = Loop(constraints=constraints)
         simulator = loop.start()
         simulator.AdvanceTo(0.4)
         data = loop.logged(simulator)
         reached = np.diff(data["state"][:, 4:], axis=0) / STEP
         commanded = data["desired_acceleration"][:-1]
         assert (commanded[:-1] == commanded[1:]).all(axis=1).sum() >= 0.79 * 400
-        off[torque_period] = np.abs(reached - commanded).max()
-    assert off[None] < 1e-8
+        off[time] = np.abs(reached - commanded).max()
+    assert off[STEP] < 1e-8
     assert off[PERIOD] > 1.0
 
 
@@ -145,11 +147,12 @@ def test_position_command_is_the_state_a_period_later(ratio):
     assert fastest > 1.0
 
 
-def test_position_command_of_a_continuous_plant():
+def test_position_command_of_a_continuous_plant(monkeypatch):
     """The nearer to the truth, the more often the torque is computed."""
     errors = {}
     for ticks in (1, 5, 50):
-        loop = Loop(0.0, torque_period=PERIOD / ticks, blend_time=0.5)
+        torque_every(monkeypatch, PERIOD / ticks)
+        loop = Loop(0.0, blend_time=0.5)
         simulator = loop.start()
         simulator.get_mutable_integrator().set_target_accuracy(1e-9)
         context, worst = simulator.get_context(), 0.0
@@ -166,10 +169,11 @@ def test_position_command_of_a_continuous_plant():
 
 @pytest.mark.parametrize("time_step", [STEP, 0.0], ids=["discrete", "continuous"])
 @pytest.mark.parametrize("ticks", [1, 5])
-def test_every_torque_is_that_of_its_instant(time_step, ticks):
+def test_every_torque_is_that_of_its_instant(time_step, ticks, monkeypatch):
     """Law first, then torque: as a loop of ControlLaw.step and ControlLaw.torque on the
     states of the log has it. A continuous plant's log is of just before the update."""
-    loop = Loop(time_step, torque_period=PERIOD / ticks)
+    torque_every(monkeypatch, PERIOD / ticks)
+    loop = Loop(time_step)
     simulator = loop.start()
     simulator.AdvanceTo(0.1)
     data = loop.logged(simulator)
@@ -198,45 +202,34 @@ def test_every_torque_is_that_of_its_instant(time_step, ticks):
 
 @pytest.mark.parametrize("time_step", [STEP, 0.0], ids=["discrete", "continuous"])
 @pytest.mark.parametrize(
-    "changes, solves, torques",
-    [
-        (dict(period=STEP), 100, 100),
-        (dict(), 20, 100),
-        (dict(torque_period=PERIOD), 20, 20),
-    ],
-    ids=["1 ms", "5 ms", "5 ms, torque held"],
+    "period, solves", [(STEP, 100), (PERIOD, 20)], ids=["1 ms", "5 ms"]
 )
-def test_nothing_is_computed_twice(time_step, changes, solves, torques, monkeypatch):
-    loop = Loop(time_step, **changes)
+def test_nothing_is_computed_twice(time_step, period, solves, monkeypatch):
+    loop = Loop(time_step, period=period)
     solved = count(monkeypatch, ControlLaw, "solve")
     computed = count(monkeypatch, ControlModel, "inverse_dynamics")
     simulator = loop.start()
     simulator.AdvanceTo(0.1)
     # The last sample of a discrete plant's log is of a tick that is yet to come.
     last = 1 if time_step else 0
-    assert (len(solved), len(computed)) == (solves + last, torques + last)
+    assert (len(solved), len(computed)) == (solves + last, 100 + last)
 
 
 @pytest.mark.parametrize(
-    "step, ratio, torque_steps",
-    [(1 / 700, 3, None), (1 / 6000, 30, None), (7e-4, 9, None), (7e-4, 9, 3)],
+    "step, ratio, apart", [(1 / 700, 3, 1), (1 / 6000, 30, 6), (7e-4, 9, 1)]
 )
-def test_periods_whose_multiples_round_differently(
-    step, ratio, torque_steps, monkeypatch
-):
+def test_periods_whose_multiples_round_differently(step, ratio, apart, monkeypatch):
     """Each torque once, of the state that the plant's step starts from."""
-    torque_period = torque_steps and torque_steps * step
     builder = DiagramBuilder()
     plant, scene_graph = add_plant(builder, chain_urdf("zz"), time_step=step)
-    parameters = CrarParameters(period=ratio * step, torque_period=torque_period)
+    gains = CrarParameters(period=ratio * step)
     controller = AddCrarController(
-        builder, plant, scene_graph, RobotDescription(), [Task(frame="tip")], parameters
+        builder, plant, scene_graph, RobotDescription(), [Task(frame="tip")], gains
     )
     target = builder.AddSystem(ConstantVectorSource(np.r_[0.3, 0.3, np.zeros(7)]))
     builder.Connect(target.get_output_port(), controller.get_input_port_desired_tasks())
     diagram = builder.Build()
-    apart = ratio // parameters.torque_ticks(step)  # plant steps between two torques
-    assert apart == (torque_steps or max(n for n in (1, 6) if n * step < 1.5e-3))
+    assert ratio // gains.torque_ticks(step) == apart  # steps between two torques
     model, seen = controller.model, []
     inverse_dynamics = ControlModel.inverse_dynamics
 
@@ -537,7 +530,7 @@ def test_torque_within_effort_limits():
     np.testing.assert_array_equal(limited, np.clip(free, -100.0, 100.0))
 
 
-# --- the parameter ----------------------------------------------------------------
+# --- how often ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -557,43 +550,12 @@ def test_torque_within_effort_limits():
         (20e-3, 20e-3, 20e-3),
     ],
 )
-def test_torque_period_by_default(period, plant_step, expected):
-    parameters = CrarParameters(period=period)
-    parameters.validate()
-    assert parameters.torque_period_for(plant_step) == pytest.approx(expected, rel=1e-9)
-    ticks = parameters.torque_ticks(plant_step)
+def test_a_torque_each_millisecond_or_step(period, plant_step, expected):
+    gains = CrarParameters(period=period)
+    gains.validate()
+    assert gains.torque_period_for(plant_step) == pytest.approx(expected, rel=1e-9)
+    ticks = gains.torque_ticks(plant_step)
     assert ticks * expected == pytest.approx(period, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    "torque_period, words",
-    [
-        (0.01, ["0.01 s does not divide", "controller.period, 0.005 s", "choose"]),
-        (2e-3, ["0.002 s does not divide", "choose e.g. 0.0025"]),
-        (0.0, ["must be positive"]),
-        (-1e-3, ["must be positive"]),
-        (np.nan, ["positive and finite"]),
-        (np.inf, ["positive and finite"]),
-    ],
-)
-def test_torque_periods_that_are_refused(torque_period, words):
-    with pytest.raises(ScenarioError, match="controller.torque_period") as caught:
-        CrarController(
-            make_model(URDF), CrarParameters(period=5e-3, torque_period=torque_period)
-        )
-    for word in words:
-        assert word in str(caught.value)
-
-
-def test_a_torque_period_between_the_plants_steps_is_refused():
-    with pytest.raises(ScenarioError, match=r"torque_period: 0\.0005 s.*step 0\.001 s"):
-        Loop(torque_period=5e-4)
-    Loop(0.0, torque_period=5e-4)  # a continuous plant takes any
-    text = "motion: dance\nexperiment: wrists\ncontroller: {torque_period: 0.0005}\n"
-    with pytest.raises(ScenarioError, match=r"my\.yaml: .*torque_period"):
-        parse_scenario(text, "my.yaml")
-    text = re.sub("0.0005", "0.001", text)
-    assert parse_scenario(text, "my.yaml").controller.torque_period == 1e-3
 
 
 def test_measurements_come_at_torque_ticks():

@@ -13,7 +13,10 @@ from crar_drake import (
     position_tasks,
 )
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.lookahead_parameters import LookaheadParameters
+from crar_drake.control.lookahead_parameters import (
+    LEAST_SMOOTHNESS,
+    LookaheadParameters,
+)
 from crar_drake.control.modes import validate
 from crar_drake.control.parameters import BalanceParameters, CrarParameters
 from crar_drake.errors import ScenarioError
@@ -193,7 +196,9 @@ def test_the_whole_diagram_keeps_its_constraints():
     [
         ({"preview": -0.1}, "preview"),
         ({"preview": 0.1, "smoothness": 0.0}, "smoothness"),
-        ({"preset": "close"}, "preset.*closest.*balanced.*calm"),
+        ({"preview": 0.1, "smoothness": 1e-8}, "smoothness: 1e-08.* at least 1e-06"),
+        ({"smoothness": 0.99e-6}, "smoothness"),
+        ({"preset": "close"}, "preset: 'close' is unknown; did you mean 'closest'"),
         ({"preview": 0.1, "farthest_pull": 0.0}, "farthest_pull"),
         ({"preview": 0.1, "limit_approach_rate": 300.0}, "limit_approach_rate.*200/s"),
         (
@@ -206,6 +211,20 @@ def test_what_makes_no_sense_is_refused(ahead, said):
     parameters = replace(WITHOUT, lookahead=LookaheadParameters(**ahead))
     with pytest.raises(ScenarioError, match=said):
         validate(parameters)
+
+
+def test_with_the_least_smoothness_there_is_a_plan(model):
+    """Of wrists whose targets jump by 30 cm; with less the law finds none."""
+    ahead = LookaheadParameters(smoothness=LEAST_SMOOTHNESS)
+    law = ControlLaw(model, replace(PREVIEW, lookahead=ahead))
+    q = model.rest_positions()
+    v, targets = np.zeros(model.plant.num_velocities()), model.tasks_at(q)
+    for k in range(60):
+        targets[[1, 2, 4]] += [0.3, 0.2, -0.3] if k in (20, 40) else [0.0, 0.0, 0.0]
+        solution = law.step(q, v, targets, model.prescribed_at(model.rest_positions()))
+        assert np.isfinite(solution.acceleration).all()
+        q, v = np.split(solution.position_command, [len(q)])
+    assert np.abs(v).max() > 0.0 and solution.admission[3] == 1.0
 
 
 def test_a_preview_brings_its_own_defaults():

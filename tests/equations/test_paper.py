@@ -1,6 +1,5 @@
 """The paper's law in its order: from the printed formulas, for every variant."""
 
-import itertools
 import math
 
 import numpy as np
@@ -18,7 +17,6 @@ GAINS = PaperGains(
     damping=0.1,
     Gv=20.0,
     GvN=math.nan,
-    Gv_near=math.nan,
     rho=0.7,
     alpha=40.0,
     beta=1.5,
@@ -30,8 +28,8 @@ LOWER, UPPER = np.array([-1.0, -0.5, -np.inf]), np.array([1.2, 2.0, np.inf])
 LIMITS = limit_potential(LOWER, UPPER)
 
 
-def weights_of(q, d, dd_dq, before, gains=GAINS):
-    return constraint_weights(q, d, dd_dq, before[0], before[1], LIMITS, gains)
+def weights_of(q, d, dd_dq, before):
+    return constraint_weights(q, d, dd_dq, before[0], before[1], LIMITS, GAINS)
 
 
 def some_state() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -73,42 +71,27 @@ def test_constraint_weights_are_the_printed_ones_for_what_approaches():
         second.W, printed(*state, 1 - leaving[0], 1 - leaving[1])
     )
     assert (first.W - second.W > 1e-3).all()
-    # A gain that does not adapt needs no measure of nearness of its own.
-    np.testing.assert_array_equal(second.nearness, second.W)
 
 
-def test_nearness_does_not_ask_what_approaches():
-    state, gains = some_state(), GAINS._replace(Gv_near=90.0)
-    before = np.full(3, np.inf), np.full((2, 3), np.inf)
-    found = weights_of(*state, before, gains)
-    np.testing.assert_array_equal(found.W, np.ones(3))
-    np.testing.assert_allclose(
-        found.nearness, printed(*state, np.ones(3), np.ones((2, 3)))
-    )
-
-
-VARIANTS = [*itertools.product((False, True), (math.nan, 90.0), (math.nan, 5.0))]
-
-
-@pytest.mark.parametrize("inertia, Gv_near, GvN", VARIANTS)
-def test_weighted_acceleration_is_the_printed_one(inertia, Gv_near, GvN):
+@pytest.mark.parametrize("inertia", [False, True])
+@pytest.mark.parametrize("GvN", [math.nan, 5.0])
+def test_weighted_acceleration_is_the_printed_one(inertia, GvN):
     """Eqs. (34), (15), (33), (35), (30), with the inertia and the gains asked for."""
     rng = np.random.default_rng(6)
     m, n = 3, 5
     J, root = rng.normal(size=(m, n)), rng.normal(size=(n, n))
     v_r, a_r = rng.normal(size=(2, m))
     qdot, posture = rng.normal(size=(2, n))
-    W, nearness = 1.0 + 5.0 * rng.uniform(size=(2, n))
+    W = 1.0 + 5.0 * rng.uniform(size=n)
     H = root @ root.T + np.eye(n)
     none = np.zeros(0)
     qddot, qdot_c, diagonal = weighted_acceleration(
         References(J, v_r, a_r, posture, none, np.zeros(m)),
         qdot,
         W,
-        nearness,
         H if inertia else np.zeros((0, 0)),
         none,
-        GAINS._replace(Gv_near=Gv_near, GvN=GvN),
+        GAINS._replace(GvN=GvN),
     )
 
     weight = np.diag(W)
@@ -116,13 +99,12 @@ def test_weighted_acceleration_is_the_printed_one(inertia, Gv_near, GvN):
         weight = H / np.linalg.det(H) ** (1 / n) + np.diag(W) - np.eye(n)
     inverse = np.linalg.inv(weight)
     J_star = inverse @ J.T @ np.linalg.inv(J @ inverse @ J.T + 0.01 * np.eye(m))
-    Gv = np.full(n, 20.0)
-    if Gv_near == 90.0:
-        Gv = 20.0 + 70.0 * (nearness - 1.0) / nearness
-    Gv_null = np.full(n, 5.0) if GvN == 5.0 else Gv
+    Gv_null = 5.0 if GvN == 5.0 else 20.0
     expected_c = J_star @ v_r
     zeta = Gv_null * (expected_c - qdot) + posture
-    expected = J_star @ a_r + (np.eye(n) - J_star @ J) @ zeta + Gv * (expected_c - qdot)
+    expected = (
+        J_star @ a_r + (np.eye(n) - J_star @ J) @ zeta + 20.0 * (expected_c - qdot)
+    )
     np.testing.assert_allclose(qdot_c, expected_c, rtol=1e-9)
     np.testing.assert_allclose(qddot, expected, rtol=1e-9)
     np.testing.assert_allclose(diagonal, np.diag(weight), rtol=1e-9)

@@ -49,7 +49,6 @@ def test_velocity_level_has_no_spike_at_the_first_step():
         damping=0.1,
         Gv=Gv,
         GvN=math.nan,
-        Gv_near=math.nan,
         rho=1.0,
         alpha=50.0,
         beta=2.0,
@@ -65,7 +64,7 @@ def test_velocity_level_has_no_spike_at_the_first_step():
     def accelerate(before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         ones, identity = np.ones(n), np.zeros((0, 0))
         return weighted_acceleration(
-            references, case["qdot"], ones, ones, identity, before, gains
+            references, case["qdot"], ones, identity, before, gains
         )[:2]
 
     qddot, qdot_c = accelerate(none)

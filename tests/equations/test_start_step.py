@@ -13,7 +13,6 @@ GAINS = PaperGains(
     damping=0.05,
     Gv=NAN,
     GvN=NAN,
-    Gv_near=NAN,
     rho=1e-3,
     alpha=50.0,
     beta=2.0,

@@ -16,8 +16,6 @@ def said(**request: object) -> bytes:
     [
         (said(do="pause"), Request("pause")),
         (said(do="speed", value=0.5), Request("speed", 0.5)),
-        (said(do="mode", value="paper"), Request("mode", "paper")),
-        (said(do="gains", value={"K": 20}), Request("gains", {"K": 20.0})),
         (
             said(do="offset", task=1, value=[0.1, 0, -2]),
             Request("offset", (0.1, 0.0, -2.0), task=1),
@@ -53,10 +51,6 @@ def test_what_can_be_asked_for(body, request_):
         (said(do="speed", value=1e400), "is not from"),
         (b'{"do": "speed", "value": NaN}', "is not from"),
         (b'{"do": "speed", "value": 1' + b"0" * 400 + b"}", "is not from"),
-        (said(do="mode", value=["none"]), "no constraints"),
-        (said(do="gains", value={}), "gains are"),
-        (said(do="gains", value={"period": 1}), "gains are"),
-        (said(do="gains", value={"K": -1}), "is not from"),
         (said(do="offset", task=0.5, value=[0, 0]), "three numbers"),
         (said(do="offset", task=-1, value=[0, 0, 0]), "is not from"),
         (said(do="offset", task=0, value=[0, 0, 2.1]), "is not from -2 to 2"),

@@ -37,8 +37,6 @@ def test_it_stands_whatever_a_person_does(live) -> None:
             live.set_offset(0, np.array([-0.1, 0.0, 0.1]))
         if k == 60:
             live.push("trunk", np.array([20.0, 0.0, 0.0]))
-        if k == 80:
-            live.set_mode("none")
         live.step()
     log = live.log()
     assert len(log.time) > 100 and log.q.shape[1] == 21

@@ -88,9 +88,6 @@ def test_obstacles_by_name():
         "person": Heard((1.0, -2.5, 0.0), 0.3, 1.6),
         "trolley": None,
     }
-    told["end"] = [1, -2.5, 1.7]
-    line = json.dumps({"obstacles": {"person": told}}).encode()
-    assert parse(line, LAYOUT).obstacles["person"].end == (1.0, -2.5, 1.7)
 
 
 @pytest.mark.parametrize(
@@ -107,10 +104,6 @@ def test_obstacles_by_name():
             "position, radius and speed",
         ),
         ({"a": {"position": [0, 0], "radius": 1, "speed": 1}}, "3 numbers"),
-        (
-            {"a": {"position": [0, 0, 0], "end": [1], "radius": 1, "speed": 1}},
-            "end has 3 numbers",
-        ),
         ({"a": {"position": [0, 0, 1e9], "radius": 1, "speed": 1}}, "beyond all"),
         ({"a": {"position": [0, 0, 0], "radius": -1, "speed": 1}}, "negative"),
         ({"a": {"position": [0, 0, 0], "radius": 1, "speed": True}}, "no number"),

@@ -6,17 +6,18 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.teleoperation.messages import TargetMessage
-from crar_drake.teleoperation.target_stream import Gate, TargetStream
+from crar_drake.teleoperation.target_stream import Gate, RateLimiter, TargetStream
 
 LAYOUT = TaskLayout(("wrist", "hand"), ("position", "pose"))
 GATE = Gate(speed=1.0, angular_speed=2.0, distance=0.5, timeout=0.2)
+PERIOD = 0.05  # [s]
 HERE = LAYOUT.pack(np.eye(3)[np.newaxis], np.zeros((2, 3)))
 WRIST, HAND = 0, 1
 
 
 @pytest.fixture
 def stream() -> TargetStream:
-    return TargetStream(LAYOUT, GATE)
+    return TargetStream(LAYOUT, GATE, PERIOD)
 
 
 def wrist(x: float, time: float | None) -> TargetMessage:
@@ -55,10 +56,10 @@ def test_a_turn_that_is_too_fast(stream):
 
 
 def test_between_two_targets_it_goes_on_and_then_stands_still(stream):
-    stream.take(wrist(0.10, 1.00), 0.0, HERE)
+    stream.take(wrist(0.00, 1.00), 0.0, HERE)
     # 0.5 m/s by the sender's clock, however late the network brings it.
-    stream.take(wrist(0.12, 1.04), 0.07, HERE)
-    for now, x, v in ((0.07, 0.12, 0.5), (0.09, 0.13, 0.5), (0.12, 0.14, 0.0)):
+    stream.take(wrist(0.02, 1.04), 0.07, HERE)
+    for now, x, v in ((0.07, 0.02, 0.5), (0.09, 0.03, 0.5), (0.12, 0.04, 0.0)):
         desired = LAYOUT.unpack(stream.desired_at(now, HERE))
         np.testing.assert_allclose(desired.p[0], [x, 0, 0], atol=1e-12)
         np.testing.assert_allclose(desired.v[:3], [v, 0, 0], atol=1e-12)
@@ -75,11 +76,14 @@ def test_a_pose_goes_on_turning(stream):
     np.testing.assert_allclose(desired.v[3:], [0, 0, 1, 0.4, 0, 0], atol=1e-12)
 
 
-def test_a_jump_does_not_go_on(stream):
+def test_a_jump_is_approached_and_does_not_go_on(stream):
     stream.take(wrist(0.0, 1.0), 0.0, HERE)
-    stream.take(wrist(0.4, 1.02), 0.02, HERE)
-    desired = LAYOUT.unpack(stream.desired_at(0.03, HERE))
-    assert desired.p[0, 0] == 0.4 and not desired.v.any()
+    stream.take(wrist(0.12, 1.02), 0.02, HERE)
+    for now, x, v in ((0.02, 0.05, 1.0), (0.07, 0.1, 1.0), (0.12, 0.12, 0.0)):
+        desired = LAYOUT.unpack(stream.desired_at(now, HERE))
+        np.testing.assert_allclose(desired.p[0], [x, 0, 0], atol=1e-12)
+        np.testing.assert_allclose(desired.v[:3], [v, 0, 0], atol=1e-12)
+        assert not desired.v[3:].any() and not desired.a.any()
 
 
 def test_a_task_without_targets_stays_where_it_was(stream):
@@ -96,3 +100,52 @@ def test_a_task_without_targets_stays_where_it_was(stream):
     stream.take(hand(0.0, 0.0, 2.0), 0.4, moved)
     desired = LAYOUT.unpack(stream.desired_at(0.4, moved))
     assert desired.p[0] == pytest.approx([0.1, 0.1, 0.1])
+
+
+def pose(x: float, angle: float, v: float = 0.0, rate: float = 0.0) -> np.ndarray:
+    """Targets: the wrist at rest, the hand at x, turned about z, at these rates."""
+    turn = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
+    desired = LAYOUT.pack(turn[np.newaxis], np.array([[0.0, 0, 0], [x, 0, 0]]))
+    desired[LAYOUT.size_x + 5] = rate
+    desired[LAYOUT.size_x + 6] = v
+    return desired
+
+
+def test_within_the_bounds_targets_are_passed_as_they_are():
+    limiter = RateLimiter(LAYOUT, GATE, PERIOD)
+    limiter.limit(HERE, HERE)
+    for k in range(1, 40):
+        x, angle = 0.99 * PERIOD * k, 1.98 * PERIOD * k
+        desired = pose(x, angle, v=0.99, rate=1.98)
+        np.testing.assert_array_equal(limiter.limit(desired, HERE), desired)
+
+
+def test_a_leap_of_a_pose_is_a_straight_way_and_a_turn_the_shorter_way_round():
+    limiter = RateLimiter(LAYOUT, GATE, PERIOD)
+    limiter.limit(HERE, HERE)
+    goal = pose(0.3, np.deg2rad(-170.0))
+    places, angles = [0.0], [0.0]
+    for step in range(30):  # 170 degrees at 2 rad/s; the way of 0.3 m takes 6 of them
+        passed = limiter.limit(goal, HERE)
+        at = LAYOUT.unpack(passed)
+        places.append(at.p[1, 0])
+        angles.append(Rotation.from_matrix(at.R[0]).as_rotvec()[2])
+        if step < 5:
+            np.testing.assert_allclose(at.v[3:], [0, 0, -2.0, 1.0, 0, 0], atol=1e-9)
+    np.testing.assert_array_equal(passed, goal)
+    np.testing.assert_allclose(np.diff(places)[:6], 0.05, atol=1e-9)
+    np.testing.assert_allclose(np.diff(angles)[:29], -0.1, atol=1e-9)
+    assert not LAYOUT.unpack(passed).v.any()
+
+
+def test_after_lost_targets_the_way_begins_where_the_robot_is():
+    limiter = RateLimiter(LAYOUT, GATE, PERIOD)
+    limiter.limit(pose(0.02, 0.0), HERE)
+    lost = np.full(LAYOUT.size, np.nan)
+    assert np.isnan(limiter.limit(lost, HERE)).all()
+    there = pose(0.2, 0.0)
+    passed = LAYOUT.unpack(limiter.limit(pose(0.0, 0.0), there))
+    np.testing.assert_allclose(passed.p[1], [0.15, 0, 0], atol=1e-12)
+    # A robot that did not get there does not hold the way up.
+    passed = LAYOUT.unpack(limiter.limit(pose(0.0, 0.0), there))
+    np.testing.assert_allclose(passed.p[1], [0.10, 0, 0], atol=1e-12)

@@ -1,6 +1,6 @@
-"""The constraint modes: a class each. A new one is a file and a line in this table."""
+"""The constraint modes: a class each. A new one is a file and a line in this table, and
+its name in `control.parameters`."""
 
-from crar_drake.control.checks import check_choice
 from crar_drake.control.modes.lookahead import LookaheadMode
 from crar_drake.control.modes.mode import Mode
 from crar_drake.control.modes.paper import NoneMode, PaperMode
@@ -20,7 +20,6 @@ def validate(parameters: CrarParameters) -> None:
     Raises:
         ScenarioError: names the field, its value and what it may be.
     """
-    check_choice("controller", parameters, "constraints", tuple(MODES))
     parameters.validate()
     MODES[parameters.constraints].check(parameters)
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from crar_drake.control.diagnostics import Diagnostic
 from crar_drake.control.modes.mode import Mode
-from crar_drake.control.modes.paper import refuse_adaptive_gain
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.plausible import fastest_asked
 from crar_drake.control.records import Memory, Solution
@@ -253,7 +252,6 @@ class LookaheadMode(Mode):
                 f"controller.metric: {parameters.metric!r} belongs to constraints "
                 "paper or none; the lookahead constraints have a weight of their own"
             )
-        refuse_adaptive_gain(parameters)
 
     def resolve(
         self,

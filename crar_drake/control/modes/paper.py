@@ -19,7 +19,6 @@ from crar_drake.equations.paper import (
     paper_control,
 )
 from crar_drake.equations.references import Targets, TaskGains
-from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
@@ -80,11 +79,6 @@ class NoneMode(PaperMode):
 
     _constrained = False
 
-    @staticmethod
-    def check(parameters: CrarParameters) -> None:
-        """Raises ScenarioError: Gv_near needs weights that say what is near."""
-        refuse_adaptive_gain(parameters)
-
 
 def paper_gains(parameters: CrarParameters, num_pairs: int) -> PaperGains:
     """The numbers of the paper's law; what is not given is NaN, or as the paper has
@@ -94,7 +88,6 @@ def paper_gains(parameters: CrarParameters, num_pairs: int) -> PaperGains:
         damping=float(parameters.damping),
         Gv=float(parameters.Gv),
         GvN=math.nan if parameters.GvN is None else float(parameters.GvN),
-        Gv_near=math.nan if parameters.Gv_near is None else float(parameters.Gv_near),
         rho=float(parameters.rho),
         alpha=float(parameters.alpha),
         beta=float(parameters.beta),
@@ -102,12 +95,3 @@ def paper_gains(parameters: CrarParameters, num_pairs: int) -> PaperGains:
         period=float(parameters.period),
         velocity_level=parameters.level == "velocity",
     )
-
-
-def refuse_adaptive_gain(parameters: CrarParameters) -> None:
-    """Raises ScenarioError if Gv is to adapt."""
-    if parameters.Gv_near is not None:
-        raise ScenarioError(
-            f"controller.Gv_near: {parameters.Gv_near} belongs to constraints paper, "
-            f"whose weights say what is near; they are {parameters.constraints!r}"
-        )

@@ -1,10 +1,6 @@
 // The controls beside the scene, and the words about it.
 
 const FARTHEST = 0.5; // that a slider moves a target [m]; a handle moves it farther
-const GAIN_RANGES = {
-  K: [3, 120, "1/s"], Kp: [10, 3000, "1/s²"], Gv: [3, 120, "1/s"],
-  smoothness: [2e-5, 1e-3, "", "calm"], // [m s²]
-};
 const PROMISES = {
   none: "no constraints: nothing is guaranteed",
   paper: "the paper's constraints: nothing is guaranteed",
@@ -48,7 +44,6 @@ function makeSlider(place, { id, name, range, unit, digits = 2, step, onMove }) 
       tell(value);
     },
     get value() { return back(Number(input.value)); },
-    set hidden(is) { label.hidden = is; },
   };
 }
 
@@ -60,13 +55,6 @@ function makePanel(data, state, ask) {
   const speed = makeSlider(element("speed"), {
     id: "live-speed-slider", name: "speed", range: data.speeds, unit: "×",
     onMove: value => ask({ do: "speed", value }),
-  });
-  const modes = data.modes.map(mode => {
-    const button = document.createElement("button");
-    Object.assign(button, { type: "button", textContent: mode, id: `live-mode-${mode}` });
-    button.addEventListener("click", () => ask({ do: "mode", value: mode }));
-    element("modes").append(button);
-    return [mode, button];
   });
   element("task").append(...data.tasks.map((name, i) => option(i, name)));
   element("targets").hidden = !data.tasks.length;
@@ -93,13 +81,6 @@ function makePanel(data, state, ask) {
     digits: 0, onMove: () => {},
   });
   force.show(80);
-  const gains = Object.entries(GAIN_RANGES).map(([name, [least, most, unit, label]]) => [
-    name, makeSlider(element("gains"), {
-      id: `live-gain-${name}`, name: label || name, range: [least, most], unit, digits: 1,
-      onMove: value => ask({ do: "gains", value: { [name]: value } }),
-    }),
-  ]);
-
   // Until a frame has it, what was asked for last is where the target is.
   function moveTarget(task, offset) {
     const value = offset.map(x => Math.min(Math.max(x, -2), 2));
@@ -137,10 +118,10 @@ function makePanel(data, state, ask) {
 
   function promise(frame) {
     const place = element("promise");
-    let [kind, text] = ["open", PROMISES[frame.mode]];
+    let [kind, text] = ["open", PROMISES[data.mode]];
     if (frame.smallest !== null && frame.smallest < 0)
-      [kind, text] = ["broken", `links are inside each other (${frame.mode})`];
-    else if (frame.mode === "lookahead") {
+      [kind, text] = ["broken", `links are inside each other (${data.mode})`];
+    else if (data.mode === "lookahead") {
       if (frame.holding && frame.clear && !frame.pushed)
         [kind, text] = ["holds", `lookahead: ${spoken(frame.holding)}, so that it is slow`];
       else if (frame.pushed) text = "pushed: while a force acts nothing is guaranteed";
@@ -169,13 +150,7 @@ function makePanel(data, state, ask) {
     element("step").disabled = !frame.paused;
     element("motion").setAttribute("aria-pressed", String(frame.motion));
     element("motion").textContent = frame.motion ? "motion on" : "motion off";
-    for (const [mode, button] of modes)
-      button.setAttribute("aria-pressed", String(mode === frame.mode));
     speed.show(frame.speed);
-    for (const [name, slider] of gains) {
-      slider.hidden = !(name in frame.gains);
-      if (name in frame.gains) slider.show(frame.gains[name]);
-    }
     if (data.tasks.length) {
       const offset = frame.offsets[Number(element("task").value)];
       axes.forEach((slider, i) => slider.show(offset[i]));

@@ -26,9 +26,8 @@ function makeAsk(tell) {
     busy = false;
   }
   return request => {
-    const replaces = ["offset", "speed", "gains", "ball"].includes(request.do);
-    const inner = request.task ?? Object.keys(request.value ?? {}).join();
-    waiting.set(replaces ? `${request.do} ${inner}` : `once ${count++}`, request);
+    const replaces = ["offset", "speed", "ball"].includes(request.do);
+    waiting.set(replaces ? `${request.do} ${request.task}` : `once ${count++}`, request);
     send();
   };
 }

@@ -388,8 +388,10 @@ class Ground:
         inside = HalfspaceIntersection(self._edges, corners[:, :2].mean(axis=0))
         places = inside.intersections
         self.corners = np.column_stack([places, np.full(len(places), self._height)])
+        # A pyramid about the cone, lest a force on the cone be said to be missing.
         turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-        around = np.column_stack([friction * np.cos(turns), friction * np.sin(turns)])
+        wide = friction / np.cos(np.pi / len(turns))
+        around = np.column_stack([wide * np.cos(turns), wide * np.sin(turns)])
         self._rays = np.column_stack([around, np.ones(len(turns))])
 
     def outside(self, wrenches: np.ndarray) -> np.ndarray:

@@ -136,3 +136,55 @@ def _any_shape(rng: np.random.Generator) -> str:
         return shape("capsule", 1e-3, 1.0, (0, 0, 0.6), turn)
     radius, length = rng.uniform(0.02, 0.06), rng.uniform(0.05, 0.2)
     return shape(kind, radius, length, (0, 0, 0.15), turn)
+
+
+LEG, HIP, SOLE = 0.4, 0.12, 0.06  # of thigh and shin, of a hip from the middle, [m]
+BEND = 0.3  # of hip and ankle at rest [rad]
+
+
+def standing_robot(folder: Path) -> tuple[Path, list[str]]:
+    """A trunk on two bent legs with flat soles, with an arm of three joints that weighs
+    a third of it all; and the point to track."""
+    ball = shape("sphere", 0.05, 0.0, (0, 0, 0))
+    parts = [link("trunk", 8.0, (0, 0, 0.2), ball)]
+    for side, y in (("left", HIP), ("right", -HIP)):
+        thigh, shin, foot = (f"{side}_{name}" for name in ("thigh", "shin", "foot"))
+        parts += [
+            link(thigh, 3.0, (0, 0, -LEG / 2), ball),
+            link(shin, 2.0, (0, 0, -LEG / 2), ball),
+            link(foot, 0.5, (0, 0, -0.03)),
+            joint(f"{side}_hip", "revolute", "trunk", thigh, (0, y, 0), (0, 1, 0)),
+            joint(f"{side}_knee", "revolute", thigh, shin, (0, 0, -LEG), (0, 1, 0)),
+            joint(f"{side}_ankle", "revolute", shin, foot, (0, 0, -LEG), (0, 1, 0)),
+        ]
+    up, reach, wide = (0, 0, 0.4), (0.3, 0, 0), (-2.0, 2.0)
+    parts += [
+        link("shoulder", 0.5, (0, 0, 0)),
+        link("upper_arm", 4.0, (0.15, 0, 0), ball),
+        link("forearm", 3.0, (0.15, 0, 0), ball),
+        link("hand", 1.0, (0, 0, 0), ball),
+        joint("turn", "revolute", "trunk", "shoulder", up, (0, 0, 1), limits=wide),
+        joint(
+            *("lift", "revolute", "shoulder", "upper_arm", (0, 0, 0), (0, 1, 0)),
+            limits=wide,
+            effort=200.0,
+        ),
+        joint("elbow", "revolute", "upper_arm", "forearm", reach, limits=wide),
+        joint("wrist", "fixed", "forearm", "hand", reach),
+    ]
+    corners = [[x, y, -SOLE] for x, y in ((0.14, 0.05), (-0.1, 0.05))]
+    corners += [[x, -y, z] for x, y, z in corners[::-1]]
+    bends = {"hip": -BEND, "knee": 2 * BEND, "ankle": -BEND}
+    rest = {f"{s}_{name}": b for s in ("left", "right") for name, b in bends.items()}
+    made = product.write_robot(
+        folder,
+        urdf(*parts),
+        pairs=[["forearm", "trunk"], ["hand", "left_thigh"], ["hand", "trunk"]],
+        points=["hand"],
+        base="trunk",
+        place=(0.0, 0.0, 2.0 * LEG * float(np.cos(BEND)) + SOLE),
+        rest=rest | {"lift": 1.2, "elbow": 1.6, "turn": -0.6},
+        soles={"left_foot": corners, "right_foot": corners},
+        floats=True,
+    )
+    return made, ["hand"]

@@ -797,6 +797,7 @@ def yaml_error(text: str, folder: Path) -> str:
 SAFETY_DISTANCE = 4e-3  # of watched pairs [m]
 TOUCHING_SPEED = 0.05  # no faster link is touched by what moves by itself [m/s]
 GROUND_MARGIN, GROUND_FRICTION = 0.02, 0.5  # of a robot that stands [m], [1]
+TIPPING = "tipping_cell"  # a shipped robot on a frame that may tip
 HAND_SETS = {  # the paper's experiments: points that are tracked
     "wrists": "wrists",
     "seven": "upper-body",

@@ -14,8 +14,8 @@ GUARD_NORMS = ("joints", "tasks")
 # How smoothly is planned [m s^2].
 _SMOOTHNESS = {"closest": 5.7e-5, "balanced": 8e-5, "calm": 2.3e-4}
 PRESETS = tuple(_SMOOTHNESS)
-# With less rounding is all that is left of what joints count: at a hundredth of it laws
-# find no plan. With this and more an adversary's do (docs/measurements/adversary.md).
+# With less rounding hides what joints count: at 3e-9 to 1e-8 laws of two wrists find no
+# plan. With this and more an adversary's do (docs/measurements/adversary.md).
 LEAST_SMOOTHNESS = 1e-6  # [m s^2]
 # With longer control periods a plan shakes: by default there is none [s].
 LONGEST_PLANNED_PERIOD = 0.01

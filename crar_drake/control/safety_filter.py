@@ -59,7 +59,7 @@ from crar_drake.equations.joint_filter import (
     filter_step,
 )
 from crar_drake.equations.references import TaskGains
-from crar_drake.errors import ScenarioError, nearest
+from crar_drake.errors import ModelError, ScenarioError, nearest
 from crar_drake.robot.balls import find_balls, robot_in_closed_form
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
@@ -214,7 +214,8 @@ class SafetyFilter:
     `measured` says.
 
     The joints are all of the robot's that move, those that its description calls
-    prescribed among them. Its base is fixed.
+    prescribed among them. A base that floats counts as fixed, since no joint moves it:
+    links are kept off one another, and nothing off the ground.
 
     Attributes:
         model: kinematics and distances, without tasks.
@@ -249,7 +250,8 @@ class SafetyFilter:
                 robot's.
 
         Raises:
-            ModelError: there is no such robot, or it cannot be controlled.
+            ModelError: there is no such robot, or it cannot be controlled; or a control
+                model's base floats.
             ScenarioError: a number is out of range, or what is given for one is not a
                 number; or there is a preview, which plans for tasks.
         """
@@ -286,7 +288,7 @@ class SafetyFilter:
             gains.validate()
             LookaheadMode.check(gains)
         self.parameters = gains
-        self.model = model = _joint_model(robot)
+        self.model = model = _joint_model(robot, effort_limits)
         self._period = float(period)
         self.joint_names = tuple(model.joint_names)
         self._n = model.n
@@ -664,10 +666,16 @@ class SafetyFilter:
 
 def _joint_model(
     robot: str | os.PathLike[str] | RobotDescription | ControlModel,
+    effort_limits: bool,
 ) -> ControlModel:
     """A model whose joints are all controlled, without tasks."""
     if isinstance(robot, ControlModel):
-        robot.description.refuse_floating()
+        if robot.description.root != "fixed":
+            raise ModelError(
+                f"robot {robot.description.name}: the base of this model floats, and "
+                "no joint moves it; give the filter the robot's name or description, "
+                "of which it welds the base"
+            )
         if not robot.n_p and not robot.tasks:
             return robot
         description = replace(robot.description, prescribed_joints={})
@@ -676,6 +684,13 @@ def _joint_model(
     description = robot
     if not isinstance(robot, RobotDescription):
         description = load_robot_description(robot)
-    description.refuse_floating()
+    if description.root != "fixed":
+        if effort_limits:
+            raise ScenarioError(
+                f"filter.effort_limits: the base of robot {description.name} floats, "
+                "and what its motors do does not follow from a fixed one: leave them "
+                "out, or give a robot whose base is fixed"
+            )
+        description = replace(description.without_ground(), root="fixed")
     description = replace(description, prescribed_joints={})
     return ControlModel.FromDescription(description, [])

@@ -1,4 +1,4 @@
-"""Plants faults in a copy of the checkout, one at a time, and shows that tests see them.
+"""Plants faults in a copy of the checkout, one by one, and shows that tests see them.
 
     python tests/acceptance/planted_faults.py          # all, some 15 minutes
     python tests/acceptance/planted_faults.py eq20     # those whose names have "eq20"

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from floating_robots import make_floater, write_floater
 from grounded_robots import add_ground
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
@@ -414,6 +415,19 @@ def test_a_filter_that_cannot_be_made_says_why(arguments, error, word):
 
 
 # --- robots -------------------------------------------------------------------------
+
+
+def test_a_base_that_floats_counts_as_fixed(tmp_path):
+    """Its links are kept off one another wherever it is, and nothing off the ground."""
+    write_floater(tmp_path, "prescribed", "[2.3, -1.5, 0.8]")
+    filter = SafetyFilter(tmp_path, 0.005)
+    assert filter.joint_names == tuple(filter.model.joint_names)
+    assert len(filter.joint_names) == filter.model.plant.num_positions() == 6
+    judge(filter, *jumps(filter, 0, 200, 20, 2.0))
+    with pytest.raises(ScenarioError, match="effort_limits.*base.*floats"):
+        SafetyFilter(tmp_path, 0.005, effort_limits=True)
+    with pytest.raises(ModelError, match="floats"):
+        SafetyFilter(make_floater())
 
 
 def test_the_ground_is_kept_off():

@@ -308,7 +308,6 @@ class CrarController(LeafSystem):
             )
         raise AttributeError(f"CrarController has no attribute {name!r}")
 
-
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
         solution = self._EvalSolution(context)
         # NaN where the constraint mode does not report it.

@@ -256,8 +256,6 @@ class Scenario:
         return yaml_dump_typed(self)
 
 
-
-
 def check_multiple(name: str, period: float, time_step: float) -> None:
     """Raises ScenarioError unless `period` is a multiple of the plant's step.
 

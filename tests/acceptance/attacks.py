@@ -202,20 +202,22 @@ def assert_apart(judge: RobotJudge, q: np.ndarray) -> None:
     )
 
 
-def assert_torques_are_kept(judge: RobotJudge, found: Run, kind: str) -> None:
-    """By Drake's inverse dynamics: at each step of the law, unless it says otherwise,
-    and at nearly all motor ticks, while accelerations are held.
+def assert_torques_are_kept(
+    judge: RobotJudge, law: product.Law, found: Run, kind: str
+) -> None:
+    """By Drake's inverse dynamics, of joints that are not prescribed: at each step of
+    the law, unless it says otherwise, and nearly always while accelerations are held.
 
     What the law says its motors do is what the accelerations take.
     """
-    shares = np.abs(judge.torques(found.q, found.v, found.a)) / judge.efforts
-    starts = slice(None, None, found.instants)
-    told = np.array([step.torques for step in found.steps])
-    taken = judge.torques(found.q[starts], found.v[starts], found.a[starts])
-    kept = np.clip(taken, -judge.efforts, judge.efforts)
-    assert np.abs(told - kept).max() < 1e-8 * judge.efforts.max()
+    c, starts = law.controlled, slice(None, None, found.instants)
+    efforts = judge.efforts[c]
+    taken = judge.torques(found.q, found.v, found.a)[:, c]
+    told = np.array([step.torques[c] for step in found.steps])
+    kept = np.clip(taken[starts], -efforts, efforts)
+    assert np.abs(told - kept).max() < 1e-8 * efforts.max()
     clipped = np.array([step.clipped for step in found.steps])
-    beyond = shares.max(axis=1) > 1.0 + TORQUE_ROUNDING
+    beyond = (np.abs(taken) / efforts).max(axis=1) > 1.0 + TORQUE_ROUNDING
     assert not (beyond[starts] & (clipped == 0.0)).any()
     if found.tick >= MOTOR_TICK:
         assert beyond.mean() <= MOST_BEYOND[kind]

@@ -43,7 +43,7 @@ def test_nothing_is_violated(points, period, plant_step, motors):
         found = attack(law, judge, kind, seed, steps_of(period), plant_step=plant_step)
         assert_nothing_is_violated(judge, law, found)
         if motors:
-            assert_torques_are_kept(judge, found, kind)
+            assert_torques_are_kept(judge, law, found, kind)
         nearest = min(nearest, judge.distances(found.q).min())
         fastest = max(fastest, np.abs(found.v).max())
         braking = {step.braking for step in found.steps}

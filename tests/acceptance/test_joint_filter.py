@@ -259,7 +259,7 @@ def test_what_is_not_safe_is_held_back_and_it_says_why(hostile, robot, reasons):
 
 @pytest.mark.parametrize("period", [1e-3, 5e-3, 0.02])
 def test_motors_are_kept_by_drakes_dynamics(period):
-    """Of each command, whatever is desired; and what motors can do passes bit by bit."""
+    """Of each command; and what motors can do passes bit by bit."""
     episode, rng = Episode(product.ARM, period, motors=True), np.random.default_rng(0)
     desired = rest = episode.filter.rest
     for k in range(400):

@@ -119,6 +119,7 @@ def run(
     *,
     plant_step: float = 0.0,
     prescribed: np.ndarray | None = None,
+    instants: int = INSTANTS,
 ) -> Run:
     """The exact loop from rest, a row of targets a period.
 
@@ -126,12 +127,13 @@ def run(
         targets: (K, 3, P, 3).
         plant_step: of the plant [s], 0 if it is continuous.
         prescribed: (K, 3, n_p) of the prescribed joints; else they stay.
+        instants: of each period that are kept, of a continuous plant.
     """
     law.restart()
     q, v = law.rest.copy(), np.zeros(len(law.rest))
     if prescribed is not None:
         q[law.prescribed], v[law.prescribed] = prescribed[0, :2]
-    count = round(law.period / plant_step) if plant_step else INSTANTS
+    count = round(law.period / plant_step) if plant_step else instants
     part = law.period / count
     Q, V, A, steps = [], [], [], []
     for k, row in enumerate(targets):

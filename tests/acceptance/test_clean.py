@@ -43,11 +43,16 @@ def test_nothing_goes_through_anything(made: Made, judge: mesh_judge.Robot):
     assert not judge.penetrating(made.motion.midway, pairs)
 
 
-def test_limits_are_kept(made: Made, judge: mesh_judge.Robot):
+def test_limits_are_kept(
+    made: Made, judge: mesh_judge.Robot, request: pytest.FixtureRequest
+):
+    if request.node.callspec.params["made"] == "jumping jack":
+        assert np.any(made.before.joints < judge.lower - 1e-3)
+        assert np.any(made.before.joints > judge.upper + 1e-3)
     q = made.motion.joints
-    assert np.all(q > judge.lower - 1e-6) and np.all(q < judge.upper + 1e-6)
+    assert np.maximum(judge.lower - q, q - judge.upper).max() < 1e-6
     speeds = np.abs(np.diff(q, axis=0)) * whole_motions.RATE
-    assert np.all(speeds < judge.speed + 1e-6)
+    assert (speeds - judge.speed).max() < 1e-6
 
 
 def test_it_is_what_it_says(made: Made):

@@ -28,11 +28,12 @@ BELOW_FLOOR = 0.01  # what a motion may be at most [m]
 # What nobody would call a change for the worse, besides 5 % of a recorded figure.
 UNNOTICED = {"deg": 0.1, "mm": 1.0, "m/s2": 0.05}
 
-# Name -> file, first and last frame, layout.
+# Name -> file, first and last frame, layout. Links of each are in each other; ankles of
+# the last are beyond their limits, too, on either side.
 STRETCHES = {
     "boxing": (str(product.ROBOT_MOTION), 1, 76, "w first"),
     "leap": ("leap.csv", 296, 365, "w last"),
-    "jumping jack": ("jumpjack.csv", 80, 120, "w first"),
+    "jumping jack": ("jumpjack.csv", 72, 112, "w first"),
 }
 # Name -> recording, first and last frame (counted from 1, of 120 a second), format.
 PERSONS = {

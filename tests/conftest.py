@@ -1,6 +1,14 @@
 """Fixtures that more than one test module needs."""
 
+# ruff: noqa: E402
+
 import os
+
+# Before NumPy is imported: threads of its own wait busily, and files of tests run side
+# by side. The command line does the same.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
 import pickle
 import sys
 from concurrent.futures import ThreadPoolExecutor

@@ -238,10 +238,7 @@ TARGETS = "desired_tasks"
 
 def plant_of_the_robot(*, finalized: bool = True) -> Wired:
     """The built-in robot in a plant of 1 ms."""
-    from crar_drake import AddRobot
-
-    wired = empty_plant()
-    wired.robot = AddRobot(wired.plant, BUILT_IN)
+    wired = put_in_plant(BUILT_IN)
     if finalized:
         wired.plant.Finalize()
     return wired
@@ -737,13 +734,13 @@ class Given:
         return 0.0 * self.wanted
 
 
-def empty_plant() -> Wired:
-    """A plant of 1 ms without a robot."""
+def empty_plant(time_step: float = 1e-3) -> Wired:
+    """A plant without a robot."""
     from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
     from pydrake.systems.framework import DiagramBuilder
 
     builder = DiagramBuilder()
-    return Wired(builder, *AddMultibodyPlantSceneGraph(builder, 1e-3), None)
+    return Wired(builder, *AddMultibodyPlantSceneGraph(builder, time_step), None)
 
 
 def robot_by_its_own_file() -> Wired:
@@ -1226,6 +1223,213 @@ def persons_targets(
 
     targets, prescribed = sampled("desired_tasks"), sampled("desired_prescribed")
     return targets.reshape(len(time), 3, -1, 3), prescribed
+
+
+# The controller's ports, and those of the filter, by neutral names.
+INPUTS = {
+    "state": "estimated_state",
+    "targets": "desired_tasks",
+    "prescribed": "desired_prescribed",
+    "posture": "nominal_posture",
+    "spheres": "obstacles",
+}
+OUTPUTS = {
+    "torques": "actuation",
+    "accelerations": "desired_acceleration",
+    "command": "position_command",
+    "told": "diagnostics",
+}
+FILTER_INPUTS = {
+    "positions": "desired_position",
+    "velocities": "desired_velocity",
+    "accelerations": "desired_acceleration",
+    "desired state": "desired_state",
+    "measured state": "measured_state",
+    "spheres": "obstacles",
+}
+FILTER_OUTPUTS = {
+    "command": "command",
+    "positions": "position_command",
+    "accelerations": "acceleration_command",
+    "told": "diagnostics",
+}
+# What a controller tells of its step.
+TOLD = {
+    "errors": "task_error",
+    "distances": "signed_distances",
+    "status": "status",
+    "admission": "admission",
+    "where it would rest": "resting_margins",
+    "torque limit": "torque_limit",
+    "weights": "constraint_weights",
+}
+# Entries of these.
+TOLD_ENTRIES = {
+    "bound of distances": ("admission", 2),  # on the next braking path [m]
+    "path is clear": ("admission", 3),
+    "distance where it would rest": ("where it would rest", 0),
+    "torque beyond limits": ("torque limit", 1),
+}
+TRACKS, BLENDS, BRAKES = 0.0, 1.0, 2.0  # status
+BLEND = 0.5  # how long it blends in [s]
+# What a scenario's diagram is made of, and what it gives out.
+DIAGRAM_PARTS = {
+    "plant": "plant",
+    "controller": "crar_controller",
+    "targets": "desired_tasks",
+    "log of states": "log_state",
+    "log of targets": "log_desired_tasks",
+    "log of what is told": "log_diagnostics",
+}
+DIAGRAM_OUTPUTS = {"state": "state", "shapes": "query", "targets": "desired_tasks"}
+
+Task = tuple[str, str]  # "position", "orientation", "pose" or "joint", and of what
+
+
+def put_in_plant(robot: str, time_step: float = 1e-3) -> Wired:
+    """A shipped robot in a plant that is not finalized."""
+    from crar_drake import AddRobot
+
+    wired = empty_plant(time_step)
+    wired.robot = AddRobot(wired.plant, robot)
+    return wired
+
+
+def says(wired: Wired) -> dict[str, Any]:
+    """What the description of a robot in a plant says, as the guide has it."""
+    told = wired.robot
+    return {
+        "points": dict(told.task_frames),
+        "pairs": [tuple(pair) for pair in told.pairs],
+        "prescribed": list(told.prescribed_joints),
+        "rest": dict(told.rest_posture),
+    }
+
+
+def watch(wired: Wired, pairs: list[tuple[str, str]]) -> None:
+    """Adds pairs of links to those that are watched, before there is a controller."""
+    pairs = [*wired.robot.pairs, *map(list, pairs)]
+    wired.robot = dataclasses.replace(wired.robot, pairs=pairs)
+
+
+def tasks_of(tasks: list[Task]) -> list[Any]:
+    """The product's own records of tasks."""
+    from crar_drake import Task
+
+    return [
+        Task(kind=kind, **{"joint" if kind == "joint" else "frame": name})
+        for kind, name in tasks
+    ]
+
+
+def add_controller(
+    wired: Wired,
+    tasks: list[Task],
+    *,
+    period: float | None = None,
+    sphere_speeds: list[float] | None = None,
+    own_model: bool = False,
+) -> None:
+    """Adds a controller beside a plant, once that is finalized.
+
+    Args:
+        period: by default the product's [s].
+        sphere_speeds: bounds for what moves by itself [m/s].
+        own_model: the robot is by its own file in the plant, among other things;
+            the controller computes with the shipped model.
+    """
+    from crar_drake import AddCrarController, ControlModel, CrarParameters
+
+    given: dict[str, Any] = {"obstacle_speeds": sphere_speeds or ()}
+    robot, of_product = wired.robot, tasks_of(tasks)
+    if own_model:
+        given["model_instance"], robot = robot, load_robot(BUILT_IN)
+        given["control_model"] = ControlModel.FromDescription(robot, of_product)
+    parameters = CrarParameters() if period is None else CrarParameters(period=period)
+    wired.controller = AddCrarController(
+        wired.builder,
+        wired.plant,
+        wired.scene_graph,
+        robot,
+        of_product,
+        parameters,
+        **given,
+    )
+
+
+def packed(
+    wired: Wired, R: Any, p: Any, v: Any = None, a: Any = None, q: Any = None
+) -> Any:
+    """Targets as the port takes them: rotations (Na, 3, 3) of tasks that have one,
+    positions (Nl, 3), rows of velocities and accelerations, positions of joints."""
+    return wired.controller.model.layout.pack(R, p, v, a, q)
+
+
+def told(wired: Wired, root: Any) -> dict[str, Any]:
+    """What the controller tells, by the names of TOLD and TOLD_ENTRIES.
+
+    Args:
+        root: the context of the whole diagram.
+    """
+    context = wired.controller.GetMyContextFromRoot(root)
+    parts = wired.controller.diagnostics(context)
+    found = {name: parts[key].copy() for name, key in TOLD.items()}
+    return found | {name: found[of][i] for name, (of, i) in TOLD_ENTRIES.items()}
+
+
+def place_told(wired: Wired, name: str) -> slice:
+    """Where that stands in the port of all that is told."""
+    return wired.controller.diagnostics_slices[TOLD[name]]
+
+
+def without_diagram(
+    wired: Wired, q: Any, v: Any, targets: Any, prescribed: Any
+) -> dict[str, Any]:
+    """What the law answers in a user's own loop, in place of the controller's outputs:
+    all but what is told."""
+    from crar_drake import ControlLaw
+
+    law = ControlLaw(wired.controller.model, wired.controller.law.parameters)
+    found = law.step(q, v, targets, prescribed)
+    return {
+        "torques": law.torque(q, v),
+        "accelerations": found.acceleration,
+        "command": found.position_command,
+    }
+
+
+def start_near(wired: Wired, targets: Any) -> Any:
+    """(nq,) a posture to begin in, near targets; prescribed joints as at rest."""
+    from crar_drake import solve_start_pose
+
+    model = wired.controller.model
+    return solve_start_pose(model, targets, wired.posture[model.prescribed_positions])
+
+
+def filter_system(
+    robot: str, period: float, sphere_speeds: list[float] | None = None
+) -> Any:
+    """The filter of joint commands as a system of a diagram."""
+    from crar_drake import SafetyFilter, SafetyFilterSystem
+
+    filter = SafetyFilter(robot, period)
+    if sphere_speeds is None:
+        return SafetyFilterSystem(filter)
+    return SafetyFilterSystem(filter, sphere_speeds)
+
+
+def filter_told(system: Any, context: Any) -> tuple[bool, str, float]:
+    """Of the filter's last command: whether it was passed on, why not (one of the
+    reasons above), and the clearance of the braking path [m]."""
+    values = system.GetOutputPort(FILTER_OUTPUTS["told"]).Eval(context)
+    return bool(values[0] == 0.0), system.report(context).why, float(values[2])
+
+
+def diagram_of(path: Path) -> Any:
+    """The diagram of a scenario's file."""
+    from crar_drake import MakeCrarDiagram, load_scenario
+
+    return MakeCrarDiagram(load_scenario(path))
 
 
 # --- whole motions, imports, certificates (section of MOTIONS) ------------------------

@@ -22,6 +22,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -118,15 +119,11 @@ def main(words: list[str]) -> int:
         return 2
     (room,) = words
     tests = sorted(path for glob in ROOMS[room] for path in FOLDER.glob(glob))
-    new = _file(room).with_suffix(".new")
-    os.environ[NEW_FIGURES] = str(new)
-    new.write_text("")
     unusable = _Unusable()
-    try:
+    with tempfile.NamedTemporaryFile("r") as new:
+        os.environ[NEW_FIGURES] = new.name
         code = pytest.main([*map(str, tests), "-p", "no:xdist"], plugins=[unusable])
-        lines = new.read_text().splitlines()
-    finally:
-        new.unlink()
+        lines = new.read().splitlines()
     if code or unusable.tests or not lines:
         print(f"nothing is written; without figures: {', '.join(unusable.tests)}")
         return 1

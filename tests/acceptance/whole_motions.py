@@ -37,9 +37,9 @@ STRETCHES = {
 }
 # Name -> recording, first and last frame (counted from 1, of 120 a second), format.
 PERSONS = {
-    "kick": ("11/11_01", 121, 480, "amc"),
-    "walk": ("131/131_01", 361, 721, "bvh"),
-    "karate": ("135/135_02", 1201, 1560, "c3d"),
+    "kick": ("11/11_01", 181, 420, "amc"),
+    "walk": ("131/131_01", 361, 601, "bvh"),
+    "karate": ("135/135_02", 1201, 1440, "c3d"),
 }
 
 

@@ -339,12 +339,11 @@ class LiveSimulation:
 
     def _drag(self) -> None:
         """Moves targets on their way, for the next tick."""
-        layout, before = self.model.layout, self.moved
-        self.moved = _on_the_way(before, self.offsets, _SPEED * self.period)
-        x, v = np.zeros(layout.size_x), np.zeros(layout.m)
+        layout = self.model.layout
+        self.moved = _on_the_way(self.moved, self.offsets, _SPEED * self.period)
+        x = np.zeros(layout.size_x)
         x[layout.position_entries] = self.moved
-        v[layout.linear_rows] = (self.moved - before) / self.period
-        self._sources[0].set_offset(self._source_contexts[0], x, v)
+        self._sources[0].set_offset(self._source_contexts[0], x)
 
     def _roll(self) -> None:
         """Moves the ball on its way, for the next tick."""

@@ -15,10 +15,10 @@ class LiveSource(LeafSystem):
 
     With the phase s(t) of the motion these are
 
-        x(s) + offset,    v(s) s' + rate,    a(s) s'^2 + v(s) s''.
+        x(s) + offset,    v(s) s',    a(s) s'^2 + v(s) s''.
 
-    The clock, the offset and its rate are parameters of the context: changing them
-    there changes what is emitted from that instant on.
+    The clock and the offset are parameters of the context: changing them there changes
+    what is emitted from that instant on.
 
     Output port: the name of the system, (nx + 2 nv,).
     """
@@ -41,7 +41,7 @@ class LiveSource(LeafSystem):
         self._clock = self.DeclareNumericParameter(
             BasicVector(MotionClock().to_vector())
         )
-        self._offset = self.DeclareNumericParameter(BasicVector(np.zeros(nx + nv)))
+        self._offset = self.DeclareNumericParameter(BasicVector(np.zeros(nx)))
         self.DeclareVectorOutputPort(
             name, size, self._Calc, {self.time_ticket(), self.all_parameters_ticket()}
         )
@@ -51,17 +51,14 @@ class LiveSource(LeafSystem):
         parameter = context.get_mutable_numeric_parameter(int(self._clock))
         parameter.SetFromVector(clock.to_vector())
 
-    def set_offset(
-        self, context: Context, offset: np.ndarray, rate: np.ndarray
-    ) -> None:
-        """Sets the offset (nx,) and its rate (nv,), in a context of the system."""
+    def set_offset(self, context: Context, offset: np.ndarray) -> None:
+        """Sets the offset (nx,), in a context of the system."""
         parameter = context.get_mutable_numeric_parameter(int(self._offset))
-        parameter.SetFromVector(np.concatenate((offset, rate)))
+        parameter.SetFromVector(offset)
 
     def _Calc(self, context: Context, output: BasicVector) -> None:
         values = context.get_numeric_parameter(int(self._clock)).value()
-        moved = context.get_numeric_parameter(int(self._offset)).value()
-        offset, offset_rate = np.split(moved, self._splits[:1])
+        offset = context.get_numeric_parameter(int(self._offset)).value()
         way, way_rate, way_change = MotionClock.from_vector(values).at(
             context.get_time()
         )
@@ -72,9 +69,7 @@ class LiveSource(LeafSystem):
         targets = self._source.get_output_port(0).Eval(self._source_context)
         x, v, a = np.split(targets, self._splits)
         output.SetFromVector(
-            np.concatenate(
-                (x + offset, rate * v + offset_rate, rate * rate * a + change * v)
-            )
+            np.concatenate((x + offset, rate * v, rate * rate * a + change * v))
         )
 
 

@@ -52,7 +52,8 @@ class RateLimiter:
 
     Of each period's targets a position or an orientation is passed as it is if it is no
     farther from what was passed before than the gate's speed leads in a period. Else it
-    is what lies as far on the way there, a turn by the shorter way. Joints are passed.
+    is what lies as far on the way there, a turn by the shorter way, and at rest: a law
+    that plans would go on with a velocity, and past the end. Joints are passed.
     """
 
     def __init__(self, layout: TaskLayout, gate: Gate, period: float) -> None:
@@ -60,7 +61,7 @@ class RateLimiter:
         Args:
             period: between two calls [s].
         """
-        self._layout, self._period = layout, period
+        self._layout = layout
         self._farthest = gate.speed * period
         self._largest_turn = gate.angular_speed * period
         self._last: np.ndarray | None = None  # (size,) what was passed before
@@ -83,13 +84,13 @@ class RateLimiter:
             share = _share(way, self._farthest)
             if share < 1.0:
                 limited[x] = last[x] + share * way
-                limited[at_v + rows] = share * way / self._period
+                limited[at_v + rows] = 0.0
         for x, rows in zip(layout.quaternion_entries, layout.angular_rows, strict=True):
             way = _velocity(last[x], desired[x], "orientation")
             share = _share(way, self._largest_turn)
             if share < 1.0:
                 limited[x] = _turned(last[x], share * way)
-                limited[at_v + rows] = share * way / self._period
+                limited[at_v + rows] = 0.0
         self._last = limited
         return limited
 

@@ -63,7 +63,7 @@ def test_what_the_motion_asks_for_is_smooth(live):
 
 
 def test_a_target_that_is_dragged_moves_at_a_bounded_speed(live):
-    """Straight to where it is wanted, and home; with the velocity that it has."""
+    """Straight to where it is wanted, and home."""
     live.set_offset(0, np.array([0.03, 0.0, 0.04]))
     live.set_offset(1, np.array([0.0, 0.001, 0.0]))
     way = []
@@ -72,8 +72,6 @@ def test_a_target_that_is_dragged_moves_at_a_bounded_speed(live):
         way.append(live.moved)
         motion = live.targets()[live.model.layout.position_entries] - live.moved
         np.testing.assert_allclose(live.wanted(), motion + live.offsets, atol=1e-12)
-        if len(way) == 3:
-            v = live.targets()[live.model.layout.size_x :][:6]
     way = np.array(way)
     np.testing.assert_allclose(
         way[:6, 0], np.outer(1.5 * PERIOD * np.arange(1, 7), [0.6, 0.0, 0.8]), atol=1e-9
@@ -83,9 +81,6 @@ def test_a_target_that_is_dragged_moves_at_a_bounded_speed(live):
     live.take_offsets_away()
     steps(live, 8)
     assert not live.offsets.any() and not live.moved.any()
-    # Beside the motion's own velocity, which changes little in between.
-    still = live.targets()[live.model.layout.size_x :][:6]
-    np.testing.assert_allclose(v - still, [0.9, 0, 1.2, 0, 0, 0], atol=0.2)
 
 
 def test_targets_that_are_dragged_into_the_body_are_not_followed_there(live, referee):

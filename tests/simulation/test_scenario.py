@@ -30,11 +30,11 @@ def test_shipped_scenarios_are_valid(name):
 
 
 def test_shipped_scenarios_cover_the_paper():
-    """Two experiments times four motions, and another robot."""
+    """Its two experiments, and another robot; other motions are options."""
     scenarios = [load_scenario(name) for name in scenario_names()]
     covered = {(s.motion, s.experiment) for s in scenarios if s.robot == "upper_body"}
-    motions = ("dance", "exercise", "reaching", "boxing")
-    assert covered >= {(m, e) for m in motions for e in EXPERIMENTS}
+    assert covered >= {("dance", e) for e in EXPERIMENTS}
+    assert "paper" in scenario_names()
     assert any(s.robot != "upper_body" and s.keyframes for s in scenarios)
 
 

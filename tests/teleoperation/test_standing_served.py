@@ -20,7 +20,7 @@ def test_a_scenario_that_stands_is_served_on_its_feet(tmp_path):
     server = make_server(str(path), rate=100.0)
     try:
         motion = server.motion
-        assert motion.model.num_free == 0
+        assert not motion.model.floats
         tasks = motion.where().copy()
         tasks[:3] += [0.3, 0.3, 0.2]
         hows, start = set(), motion.q.copy()

@@ -122,13 +122,7 @@ __all__ = [
 ]
 
 
-# Names that went, and what is in their place.
-_GONE = {"make_control_law": "ControlLaw(model, parameters)"}
-
-
 def __getattr__(name: str) -> Any:
-    if name in _GONE:
-        raise AttributeError(f"{__name__}.{name} is {_GONE[name]} now")
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = importlib.import_module(f"{__name__}.{_MODULES[name]}")

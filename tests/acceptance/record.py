@@ -31,7 +31,7 @@ FOLDER = Path(__file__).parent
 # Room to the files that measure it.
 ROOMS = {
     "tracking": ("test_tracking.py", "test_constant_targets.py"),
-    "motions": ("test_clean.py", "test_retarget.py"),
+    "motions": ("test_clean.py", "test_retargeted.py"),
 }
 MOST = 1.05  # times what is recorded
 DIGITS = 5

@@ -33,7 +33,7 @@ test-long: $(TESTED)  ## what `make test` does in a shorter form only
 # test that is left out does not allow.
 LOWEST_PYTHON ?= python3.11
 LOWEST := $(VENV)-lowest
-LOWEST_TESTS ?= tests/models tests/motion/test_builtin_motions.py tests/robot/test_model.py \
+LOWEST_TESTS ?= tests/models tests/robot tests/motion/test_builtin_motions.py \
 	tests/motion/test_retarget.py tests/motion/test_conditioning.py tests/targets \
 	tests/results/test_log.py tests/results/test_plots.py tests/judging/test_referee.py \
 	tests/results/test_summary.py tests/judging/test_mesh_judge.py tests/simulation \

@@ -100,7 +100,7 @@ def test_distances_are_the_referees_and_their_gradients_differences(
         by[model.order] = x
         moved, (at, of_root) = q.copy(), root_entries(model)
         turn = Rotation.from_rotvec(by[of_root[:3]])
-        moved[at[:4]] = wxyz(turn * Rotation.from_quat(q[at[:4]], scalar_first=True))
+        moved[at[:4]] = wxyz(turn * Rotation.from_quat(q[at[:4]][[1, 2, 3, 0]]))
         moved[at[4:]] += by[of_root[3:]]
         moved[model.controlled_positions] += by[model.controlled]
         return referee.distances(moved)

@@ -28,48 +28,42 @@ changes no faster than sum_i |x_i| rho_i. So on the whole way
 
 from the joint next to the link upward, with the bound of each rho_i put in.
 
-*Near.* As long as d < h, the nearest points are in parts of the links that are near
-each other, and for min(d, h) in place of d
-
-    |dp/du| <= sum_j |x_j| rho'_j                                              (M4)
-
-with rho'_j the distance from the axis of j of the farthest of these parts
-(`near_parts`), which is found as rho_j is. So (M1) and (M2) hold of min(d, h), too. On
-a way on which d is known to be h at least, min(d, h) stays h.
-
-*Two joints.* The distance of links with two joints between them depends on both alone.
-It is kept in tables of these (`pair_tables`), which say more than (M2) and cost less.
+*Near.* A link's farthest point moves the fastest, but where two links are near is often
+beside an axis. So links whose hulls are not apart are divided into pieces: (M1) to (M3)
+hold of each two pieces, with rho_j of their own, and d is the smallest of their
+distances.
 
 *Inside.* (M1) is of surfaces. As long as they do not meet, neither link gets into the
 other; on each stretch of the motion on which a pair's surfaces do not meet it is clear
 somewhere (a plane parts the hulls, or winding numbers say so), and so on all of it.
 
 **Assumptions.** The links are rigid and are what their files of triangles say, the
-joints are where the motion has them, and it goes straight in between. The distance of
-hulls is shown by a plane, whoever found it; that of triangles is FCL's, a library's
-that is trusted. A measured distance counts for a micrometre less (`ROUNDING`): doubles
-are off by less than a thousandth of that.
+joints are where the motion has them, and it goes straight in between. Distances of
+hulls and of triangles are those of Coal, a library that is trusted. A measured distance
+counts for a micrometre less (`ROUNDING`): Coal is off by less than a tenth of that.
 """
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
 from crar_drake.errors import MotionError
-from crar_drake.references.mesh_pairs import CarriedMesh, MeshPairs, relative_poses
-from crar_drake.references.near_parts import near_approach
-from crar_drake.references.pair_tables import PairTable
+from crar_drake.references.mesh_pairs import ROUNDING, MeshPairs, relative_poses
+from crar_drake.references.surfaces import Surface
 from crar_drake.references.whole_body import WholeBody
 
-# A bound is sought until it is half the distance, or so much [m]; those of tables are
-# less close.
-_ENOUGH = 5e-3
+# A bound is sought until it is this share of the distance, or so much [m]: of hulls,
+# and of triangles.
+_OF_HULLS, _OF_TRIANGLES = (0.5, 5e-3), (0.1, 1e-3)
 
-# Of pairs that are nearer, (M1) is asked of those parts alone that are near [m].
-_NEAR = 3e-3
+# Where hulls are farther apart than this, the triangles are not asked [m]; triangles
+# that are farther apart are not told from each other.
+_HULLS_ENOUGH, _CAP = 1e-3, 2e-3
 
 # Parts of a way on which two links come nearer by less are not halved [m].
 _FINEST = 1e-4
@@ -79,6 +73,8 @@ _FARTHEST = 1e5
 
 # Configurations whose frames are placed at a time, and frames that are searched.
 _BLOCK = 4096
+
+Pair = tuple[Surface, Surface]  # A and B
 
 
 @dataclass(frozen=True)
@@ -117,7 +113,6 @@ class ClearanceOfMeshes:
     Attributes:
         robot: whose they are.
         meshes: the pairs, and what they are not.
-        tables: of the pairs with two joints between them, by number.
     """
 
     def __init__(self, robot: WholeBody) -> None:
@@ -126,71 +121,8 @@ class ClearanceOfMeshes:
             ModelError: a mesh cannot be read, or a joint is of no known kind.
         """
         self.robot, self.meshes = robot, MeshPairs(robot)
-        tree = self.meshes.joints
-        frames = np.array([mesh.frame for mesh in self.meshes.meshes], dtype=int)
-        moved_by = tree.moved_by[frames]
-        a, b = self.meshes.rows.T
-        self._a_alone = moved_by[a] & ~moved_by[b]  # (P, nv)
-        self._b_alone = moved_by[b] & ~moved_by[a]
-        self.tables = self._find_tables()
         # What was asked last is often asked again. None is equal to nothing.
         self._last: tuple[np.ndarray | None, MeshClearance | None] = None, None
-
-    def _find_tables(self) -> dict[int, PairTable]:
-        """Of the pairs with two joints between them, by number."""
-        joints, found = self.meshes.joints, {}
-        rest = self.robot.configurations(np.zeros((1, self.robot.n)))[0]
-        for row, (a, b) in enumerate(self.meshes.rows):
-            links = self.meshes.meshes[a], self.meshes.meshes[b]
-            from_a = self._outward(links[0], self._a_alone[row])
-            from_b = self._outward(links[1], self._b_alone[row])
-            between = [int(v) for v in (*from_a, *from_b[::-1])]
-            # Each in a frame of its own: a free joint's are in one.
-            moved = [joints.velocities[joints.frame_of_velocity[v]] for v in between]
-            if len(between) == 2 and all(len(each) == 1 for each in moved):
-                found[row] = PairTable(
-                    self.meshes, row, (between[0], between[1]), rest, _NEAR
-                )
-        return found
-
-    def from_tables(self, q: np.ndarray) -> tuple[np.ndarray, ...]:
-        """What is known of pairs with two joints between them: (M5).
-
-        Args:
-            q: (T, nq) positions of the plant.
-
-        Returns:
-            (P, T) and (P, T - 1) no distance at a frame, or on the way to the next, is
-            smaller [m]: -inf of other pairs. And, as often, whether that is positive,
-            and close enough.
-        """
-        shape = len(self.meshes.rows), len(q)
-        at, at_done = np.full(shape, -np.inf), np.zeros(shape, dtype=bool)
-        on, on_done = at[:, 1:].copy(), at_done[:, 1:].copy()
-        for row, table in self.tables.items():
-            at[row], at_done[row] = table.bounds(q, q)
-            on[row], on_done[row] = table.bounds(q[:-1], q[1:])
-            table.keep()
-        return at, on, at_done, on_done
-
-    def one_inside(self, row: int, q: np.ndarray) -> bool:
-        """Whether one link of a pair is inside the other, where they do not touch.
-
-        Args:
-            row: which pair.
-            q: (nq,) positions of the plant.
-        """
-        if row in self.tables:
-            return self.tables[row].one_inside(q)
-        a, b = self.meshes.rows[row]
-        frames = [self.meshes.meshes[k].frame for k in (a, b)]
-        R, p = self.meshes.poses(q[None])
-        return self.meshes.one_inside(a, b, *relative_poses(R[0], p[0], *frames))
-
-    @property
-    def num_in_tables(self) -> int:
-        """Distances that were measured for tables."""
-        return sum(table.num_measured for table in self.tables.values())
 
     def find(self, joint_positions: np.ndarray) -> MeshClearance:
         """What the pairs keep on a motion.
@@ -215,7 +147,7 @@ class ClearanceOfMeshes:
         asked = q.copy()
         q, parts, measured = self.robot.configurations(q), [], 0
         for start in range(0, max(1, len(q) - 1), _BLOCK):
-            part = _Search(self, q[start : start + _BLOCK + 1]).clearance()
+            part = self._find(q[start : start + _BLOCK + 1])
             # A frame in which one part ends and the next begins is in both.
             inner = slice(None, None if start + _BLOCK >= len(q) - 1 else -1)
             of_frames = part.at_frames[:, inner], part.touch_at[:, inner]
@@ -225,77 +157,69 @@ class ClearanceOfMeshes:
         self._last = asked, MeshClearance(self.meshes.pairs, *arrays, measured)
         return self._last[1]
 
-    def advance(self, q: np.ndarray, R: np.ndarray, p: np.ndarray) -> np.ndarray:
+    def _find(self, q: np.ndarray) -> MeshClearance:
+        """As `find`, of positions (T, nq) of the plant."""
+        links, rows = self.meshes.meshes, self.meshes.rows
+        motion = _Motion(self.meshes, q)
+        pairs = [(links[i], links[j]) for i, j in rows]
+        hulls = _Search(motion, pairs, _hulls_apart, motion.balls_apart(pairs))
+        at, on, _, _ = hulls.bounds(*_OF_HULLS, _HULLS_ENOUGH)
+        parted, num_measured = at > 0.0, hulls.num_measured
+        enough = _OF_TRIANGLES[1]
+        touch_at, touch_on = np.zeros_like(parted), np.zeros(on.shape, dtype=bool)
+        near = (at < _HULLS_ENOUGH).any(axis=1) | ~(on > 0.0).all(axis=1)
+        for row in np.flatnonzero(near):
+            pieces = list(itertools.product(*(x.pieces for x in pairs[row])))
+            low = np.maximum(motion.balls_apart(pieces), at[row])
+            ways = _on_parts(low[:, :-1], low[:, 1:], hulls.steps[row])
+            far = (low >= enough).all(axis=1)
+            far &= (np.maximum(ways, on[row]) >= enough).all(axis=1)
+            pieces, low = [pieces[k] for k in np.flatnonzero(~far)], low[~far]
+            every = np.tile(on[row], (len(pieces), 1))
+            search = _Search(motion, pieces, _triangles_apart, low, every)
+            found = search.bounds(*_OF_TRIANGLES, _FINEST)
+            num_measured += search.num_measured
+            touch_at[row], touch_on[row] = (x.any(axis=0) for x in found[2:])
+            for bounds, each in ((at, found[0]), (on, found[1])):
+                least = each.min(axis=0, initial=enough)
+                bounds[row] = np.maximum(bounds[row], least)
+            at[row, touch_at[row]] = on[row, touch_on[row]] = 0.0
+        self._look_inside(q, parted, on, touch_at, touch_on)
+        at[touch_at], on[touch_on] = 0.0, 0.0
+        return MeshClearance(
+            self.meshes.pairs, at, on, touch_at, touch_on, num_measured
+        )
+
+    def _look_inside(self, q, parted, on, touch_at, touch_on) -> None:
+        """One link inside the other touches it, in all frames until surfaces meet.
+
+        Args:
+            q: (T, nq) positions of the plant.
+            parted: (P, T) where hulls are apart.
+            on, touch_at, touch_on: as of `MeshClearance`; what is found is added to the
+                last two.
+        """
+        decided = parted | touch_at
+        for row in np.flatnonzero(~decided.all(axis=1)):
+            a, b = (self.meshes.meshes[k] for k in self.meshes.rows[row])
+            ends = np.flatnonzero(touch_on[row] | (on[row] <= 0.0)) + 1
+            for stretch in np.split(np.arange(decided.shape[1]), ends):
+                k = int(stretch[0])
+                if decided[row, stretch].any():
+                    continue
+                R, p = self.meshes.poses(q[k : k + 1])
+                if a.one_inside(b, *relative_poses(R[0], p[0], a.frame, b.frame)):
+                    touch_at[row, stretch] = touch_on[row, stretch[:-1]] = True
+
+    def advance(self, q: np.ndarray) -> np.ndarray:
         """(P, T - 1) by how much each pair can come nearer on each way: of (M1) [m].
 
         Args:
             q: (T, nq) positions of the plant.
-            R, p: R_WF (T, N, 3, 3) and p_WF (T, N, 3) of all frames [m].
         """
-        joints, steps = self.meshes.joints, self._joint_steps(q)
-        slides = np.linalg.norm(joints.slides, axis=1)
-        every = np.ones(steps.shape[1], dtype=bool)
-        of_links = [
-            swept(
-                *(R, p, mesh.frame, mesh.corners, self._outward(mesh, every)),
-                *(joints.frame_of_velocity, joints.turns, slides, steps),
-            )
-            for mesh in self.meshes.meshes
-        ]
-        found = np.zeros((len(self.meshes.rows), len(steps)))
-        for row, (a, b) in enumerate(self.meshes.rows):
-            found[row] = self._a_alone[row] @ of_links[a]
-            found[row] += self._b_alone[row] @ of_links[b]
-        return found
-
-    def advance_of_near(
-        self, row: int, q, R, p, advance: np.ndarray, asked: np.ndarray
-    ) -> np.ndarray:
-        """(T - 1,) by how much min(d, h) of a pair can change on each way, with
-        h = `_NEAR`: of (M4) [m].
-
-        Args:
-            row: which pair.
-            q, R, p: as of `advance`.
-            advance: (T - 1,) what that found.
-            asked: (T - 1,) on which ways d is not known to be at least h; on others
-                min(d, h) does not change.
-        """
-        joints, links = self.meshes.joints, self.meshes.meshes
-        a, b = (links[k] for k in self.meshes.rows[row])
-        frames = joints.frame_of_velocity
-        approach = near_approach(
-            R,
-            p,
-            np.array([a.frame, b.frame]),
-            a.parts,
-            b.parts,
-            self._outward(a, self._a_alone[row]),
-            self._outward(b, self._b_alone[row]),
-            p[:, frames],
-            (R[:, frames] @ joints.turns[..., None])[..., 0],
-            np.linalg.norm(joints.slides, axis=1),
-            self._joint_steps(q),
-            np.ascontiguousarray(advance),
-            asked,
-            _NEAR,
-        )
-        return approach.sum(axis=1)
-
-    def _outward(self, mesh: CarriedMesh, some: np.ndarray) -> np.ndarray:
-        """Which velocities of a mask move a link, the one next to it first."""
-        joints, found, frame = self.meshes.joints, [], mesh.frame
-        while frame:
-            found += [v for v in reversed(joints.velocities[frame]) if some[v]]
-            frame = int(joints.tree.parent[frame])
-        return np.array(found, dtype=int)
-
-    def _joint_steps(self, q: np.ndarray) -> np.ndarray:
-        """(T - 1, nv) by how much joints move on each way [rad or m]."""
-        joints = self.meshes.joints
-        steps = np.abs(np.diff(q, axis=0))[:, joints.tree.position]
-        # A root that floats stands still: its quaternion has no velocity of its own.
-        return steps[:, joints.frame_of_velocity]
+        links = self.meshes.meshes
+        pairs = [(links[i], links[j]) for i, j in self.meshes.rows]
+        return _Motion(self.meshes, q).advance(pairs)
 
 
 @compiled(loops=True)
@@ -310,11 +234,11 @@ def swept(
     slides: np.ndarray,
     steps: np.ndarray,
 ) -> np.ndarray:
-    """(nv, T - 1) how far each joint can move a point of a link on each way: (M3) [m].
+    """(T - 1,) how far joints can move a point of a surface on each way: (M3) [m].
 
     Args:
         R, p: R_WF (T, N, 3, 3) and p_WF (T, N, 3) of all frames [m].
-        frame: which carries the link.
+        frame: which carries the surface.
         corners: (8, 3) of its box, in that frame [m].
         joints: that move it, the one that is next to it first.
         frames: (nv,) which frame each joint is of.
@@ -322,7 +246,7 @@ def swept(
         slides: (nv,) how far each slides [m/rad or 1].
         steps: (T - 1, nv) by how much each joint moves [rad or m].
     """
-    found, rho = np.zeros((steps.shape[1], len(steps))), np.zeros((len(R), len(joints)))
+    found, rho = np.zeros(len(steps)), np.zeros((len(R), len(joints)))
     placed = np.empty((len(corners), 3))
     for k in range(len(R)):
         for i in range(len(corners)):
@@ -345,156 +269,211 @@ def swept(
                 arm = (b * z - c * y) ** 2 + (c * x - a * z) ** 2 + (a * y - b * x) ** 2
                 rho[k, j] = max(rho[k, j], np.sqrt(arm))
     for k in range(len(steps)):
-        below = 0.0
         for j in range(len(joints)):
             v = joints[j]
             farthest = slides[v]
             if turns[v].any():
-                farthest += (rho[k, j] + rho[k + 1, j] + below) / 2.0
-            found[v, k] = steps[k, v] * farthest
-            below += found[v, k]
+                farthest += (rho[k, j] + rho[k + 1, j] + found[k]) / 2.0
+            found[k] += steps[k, v] * farthest
     return found
 
 
-class _Search:
-    """Of one motion: what is known of the pairs' distances so far."""
+class _Motion:
+    """Where the frames of a robot are, and how far surfaces go.
 
-    def __init__(self, robot: ClearanceOfMeshes, q: np.ndarray) -> None:
+    Attributes:
+        q: (T, nq) positions of the plant.
+    """
+
+    def __init__(self, meshes: MeshPairs, q: np.ndarray) -> None:
+        self.q, self._meshes, self._joints = q, meshes, meshes.joints
+        self._R, self._p = meshes.poses(q)
+        steps = np.abs(np.diff(q, axis=0))[:, self._joints.tree.position]
+        # A root that floats stands still: its quaternion has no velocity of its own.
+        self._steps = steps[:, self._joints.frame_of_velocity]
+        self._swept: dict[tuple[int, bytes], np.ndarray] = {}
+
+    def advance(self, pairs: Sequence[Pair]) -> np.ndarray:
+        """(P, T - 1) by how much each pair can come nearer on each way: of (M1) [m]."""
+        moved_by = self._joints.moved_by
+        found = np.zeros((len(pairs), len(self._steps)))
+        for row, (a, b) in enumerate(pairs):
+            of_a, of_b = moved_by[a.frame], moved_by[b.frame]
+            found[row] = self._sweep(a, of_a & ~of_b) + self._sweep(b, of_b & ~of_a)
+        return found
+
+    def _sweep(self, surface: Surface, by: np.ndarray) -> np.ndarray:
+        """(T - 1,) how far the velocities of a mask can move its points [m]."""
+        key = id(surface), by.tobytes()
+        if key not in self._swept:
+            joints, outward, frame = self._joints, [], surface.frame
+            while frame:
+                outward += [v for v in reversed(joints.velocities[frame]) if by[v]]
+                frame = int(joints.tree.parent[frame])
+            self._swept[key] = swept(
+                *(self._R, self._p, surface.frame, surface.corners),
+                *(np.array(outward, dtype=int), joints.frame_of_velocity),
+                *(joints.turns, np.linalg.norm(joints.slides, axis=1), self._steps),
+            )
+        return self._swept[key]
+
+    def balls_apart(self, pairs: Sequence[Pair]) -> np.ndarray:
+        """(P, T) how far the balls about both surfaces are apart [m]."""
+        of = list({id(x): x for pair in pairs for x in pair}.values())
+        number = {id(x): k for k, x in enumerate(of)}
+        frames = np.array([x.frame for x in of], dtype=int)
+        centres = np.array([x.centre for x in of]).reshape(-1, 3)
+        radii = np.array([x.radius for x in of])
+        centres = self._p[:, frames] + (self._R[:, frames] @ centres[..., None])[..., 0]
+        a, b = np.array([[number[id(x)] for x in pair] for pair in pairs]).T
+        apart = np.linalg.norm(centres[:, a] - centres[:, b], axis=2).T
+        return apart - (radii[a] + radii[b])[:, None] - 1e-9
+
+    def placed(self, a, b, frame, part) -> tuple[np.ndarray, np.ndarray]:
+        """R_AB (M, 3, 3) and p_AB (M, 3) [m].
+
+        Args:
+            a, b: (M,) numbers of A and B.
+            frame, part: (M,) the part of the way from a frame to the next.
+        """
+        if not part.any():
+            R, p, at = self._R, self._p, frame
+        else:
+            u = part[:, None]
+            after = self.q[np.minimum(frame + 1, len(self.q) - 1)]
+            R, p = self._meshes.poses((1.0 - u) * self.q[frame] + u * after)
+            at = np.arange(len(part))
+        R_AW = R[at, a].swapaxes(1, 2)
+        return R_AW @ R[at, b], (R_AW @ (p[at, b] - p[at, a])[..., None])[..., 0]
+
+
+def _hulls_apart(a: Surface, b: Surface, R: np.ndarray, p: np.ndarray) -> float:
+    """How far hulls are apart at least [m]."""
+    return max(0.0, a.hull_distance(b, R, p) - ROUNDING)
+
+
+def _triangles_apart(a: Surface, b: Surface, R: np.ndarray, p: np.ndarray) -> float:
+    """How far triangles are apart at least, 0 where they touch; of what is far, enough
+    [m]."""
+    d = a.hull_distance(b, R, p)
+    if d < _HULLS_ENOUGH:
+        d = a.distance(b, R, p, _CAP)
+    return max(0.0, d - ROUNDING)
+
+
+class _Search:
+    """Of one motion: what is known of the distances of P pairs of surfaces so far."""
+
+    def __init__(
+        self,
+        motion: _Motion,
+        pairs: Sequence[Pair],
+        measure: Callable[..., float],
+        low: np.ndarray,
+        on: np.ndarray | None = None,
+    ) -> None:
         """
         Args:
-            robot: whose motion it is.
-            q: (T, nq) positions of the plant.
+            motion: it.
+            pairs: of surfaces A and B.
+            measure: says how far they are apart, of R_AB and p_AB.
+            low, on: (P, T) and (P, T - 1) no distance at a frame, or on the way to the
+                next, is smaller [m].
         """
-        self._robot, self._meshes, self._q = robot, robot.meshes, q
-        self._rows, links = self._meshes.rows, self._meshes.meshes
-        frames = np.array([mesh.frame for mesh in links], dtype=int)
-        self._frames = frames[self._rows]  # (P, 2)
-        self._R, self._p = self._meshes.poses(q)
-        self._steps = robot.advance(q, self._R, self._p)
-        self._L = _added_up(self._steps)
-        # Of pairs that were found to be near: (M4).
-        self._near = np.zeros(len(self._rows), dtype=bool)
-        self._near_steps, self._near_L = self._steps.copy(), self._L.copy()
-        # Balls about the links bound all distances from below.
-        centres = np.array([mesh.centre for mesh in links]).reshape(-1, 3)
-        radii = np.array([mesh.radius for mesh in links])
-        centres = self._p[:, frames] + (self._R[:, frames] @ centres[..., None])[..., 0]
-        a, b = self._rows.T
-        apart = np.linalg.norm(centres[:, a] - centres[:, b], axis=2).T
-        self._low = apart - (radii[a] + radii[b])[:, None] - 1e-9
-        self._parted = self._low > 0.0
-        before = robot.num_in_tables
-        at, self._on, self._at_done, self._on_done = robot.from_tables(q)
-        self._low = np.maximum(self._low, at)
-        self._found = np.full_like(self._low, np.inf)  # that was measured
-        self._num_measured = robot.num_in_tables - before
+        self._motion, self._pairs, self._distance = motion, pairs, measure
+        self._frames = np.array([[x.frame for x in pair] for pair in pairs], dtype=int)
+        self._frames = self._frames.reshape(-1, 2)
+        self.steps = motion.advance(pairs)
+        self._L = _added_up(self.steps)
+        self._low = low
+        self._on = np.full_like(self.steps, -np.inf) if on is None else on
+        self._found = np.full_like(low, np.inf)  # that was measured
+        self.num_measured = 0
 
-    def clearance(self) -> MeshClearance:
-        """The bounds, each close enough or of distances that were measured."""
-        between, some = np.empty_like(self._on), np.arange(len(self._on))
-        way_open = np.empty(between.shape, dtype=bool)
+    def bounds(
+        self, share: float, enough: float, finest: float
+    ) -> tuple[np.ndarray, ...]:
+        """The bounds, each close enough or of distances that were measured.
+
+        Args:
+            share, enough: a bound is close if it is such a share of the distance, or
+                so much [m].
+            finest: parts of a way on which surfaces come nearer by less are not halved
+                [m].
+
+        Returns:
+            `at_frames`, `on_ways`, `touch_at` and `touch_on` as of `MeshClearance`.
+        """
+        some = np.arange(len(self._low))
+        between, way_open = self._on.copy(), np.zeros(self._on.shape, dtype=bool)
         # Of pairs of which nothing is measured, nothing more is known.
         while len(some):
-            aim, low = self._spread(some), self._low[some]
-            steps = self._steps[some], self._near_steps[some]
-            of_ways = self._on_parts(low[:, :-1], low[:, 1:], *steps)
+            aim = np.minimum(enough, share * self._spread(some))
+            low = self._low[some]
+            of_ways = _on_parts(low[:, :-1], low[:, 1:], self.steps[some])
             between[some] = of_ways = np.maximum(of_ways, self._on[some])
-            open_ = of_ways < np.minimum(aim[:, :-1], aim[:, 1:])
-            open_ &= ~self._on_done[some]
-            way_open[some] = open_
-            asked = (low < aim) & ~self._at_done[some]
+            way_open[some] = open_ = of_ways < np.minimum(aim[:, :-1], aim[:, 1:])
+            asked = low < aim
             asked[:, :-1] |= open_
             asked[:, 1:] |= open_
             pair, frame = _middles(asked & np.isinf(self._found[some]))
             pair = some[pair]
-            d, parted = self._measure(pair, frame, np.zeros(len(pair)))
+            d = self._measure(pair, frame, np.zeros(len(pair)))
             self._low[pair, frame] = np.maximum(self._low[pair, frame], d)
             self._found[pair, frame] = d
-            self._parted[pair, frame] |= parted
-            self._look_closer(np.unique(pair[d < _NEAR]), between)
             some = np.unique(pair)
         touch_at = self._found <= 0.0
         touch_on = touch_at[:, :-1] | touch_at[:, 1:]
-        on_ways = self._halve(np.maximum(between, 0.0), way_open, touch_on)
-        self._look_inside(on_ways, touch_at, touch_on)
-        at_frames = np.where(touch_at, 0.0, np.maximum(self._low, 0.0))
-        on_ways[touch_on] = 0.0
-        names, measured = self._meshes.pairs, self._num_measured
-        return MeshClearance(names, at_frames, on_ways, touch_at, touch_on, measured)
-
-    def _look_closer(self, pairs: np.ndarray, between: np.ndarray) -> None:
-        """Finds (M4) of pairs, where that was not done yet; `between`: (P, T - 1)
-        bounds of ways."""
-        for row in pairs[~self._near[pairs]]:
-            steps = self._robot.advance_of_near(
-                row, self._q, self._R, self._p, self._steps[row], between[row] < _NEAR
-            )
-            self._near_steps[row] = np.minimum(steps, self._steps[row])
-            self._near_L[row] = _added_up(self._near_steps[row])
-            self._near[row] = True
+        bounds = np.maximum(between, 0.0)
+        on = self._halve(bounds, way_open, touch_on, share, enough, finest)
+        on[touch_on] = 0.0
+        at = np.where(touch_at, 0.0, np.maximum(self._low, 0.0))
+        return at, on, touch_at, touch_on
 
     def _spread(self, some: np.ndarray) -> np.ndarray:
-        """What is known of a frame says something of all others: (M1) and (M4).
+        """What is known of a frame says something of all others: (M1).
 
         Args:
             some: (K,) of which pairs.
 
         Returns:
-            (K, T) how close each frame's bound is to be [m].
+            (K, T) no distance is larger [m].
         """
-        low, high = _spread(self._low[some], self._found[some], self._L[some])
-        near = self._near[some]
-        nearest, farthest = _spread(
-            *(np.minimum(x[near], _NEAR) for x in (low, high)),
-            self._near_L[some[near]],
-        )
-        low[near] = np.maximum(low[near], nearest)
-        # Sums are rounded: what is not clearly nearer than `_NEAR` may be far.
-        high[near] = np.where(farthest < 0.999 * _NEAR, farthest, high[near])
+        low, high, L = self._low[some], self._found[some], self._L[some]
+        low = np.maximum(low, np.maximum.accumulate(low + L, axis=1) - L)
+        low = np.maximum(low, _backward(np.maximum, low - L) + L)
+        high = np.minimum(high, np.minimum.accumulate(high - L, axis=1) + L)
+        high = np.minimum(high, _backward(np.minimum, high + L) - L)
         self._low[some] = low
-        return np.minimum(_ENOUGH, 0.5 * high)
+        return high
 
-    def _on_parts(self, first, last, nearer, nearer_if_near) -> np.ndarray:
-        """(M2) from the distances at the ends of parts of ways, of both advances."""
-        of_near = np.minimum(first, _NEAR) + np.minimum(last, _NEAR) - nearer_if_near
-        return np.maximum(first + last - nearer, of_near) / 2.0
-
-    def _measure(self, pair, frame, part) -> tuple[np.ndarray, np.ndarray]:
-        """(M) distances [m], and whether hulls are apart.
+    def _measure(self, pair, frame, part) -> np.ndarray:
+        """(M,) distances [m].
 
         Args:
-            pair, frame, part: (M) which pair, and where: the part of the way from a
+            pair, frame, part: (M,) which pair, and where: the part of the way from a
                 frame to the next.
         """
-        d, parted = np.empty(len(pair)), np.empty(len(pair), dtype=bool)
+        self.num_measured += len(pair)
+        d = np.empty(len(pair))
         for start in range(0, len(pair), _BLOCK):
             some = slice(start, start + _BLOCK)
-            X = self._placed(pair[some], frame[some], part[some])
-            d[some], parted[some] = self._meshes.distances(self._rows[pair[some]], *X)
-        self._num_measured += len(pair)
-        return d, parted
+            at = frame[some], part[some]
+            X = self._motion.placed(*self._frames[pair[some]].T, *at)
+            for k, R, p in zip(range(start, len(pair)), *X, strict=False):
+                d[k] = self._distance(*self._pairs[pair[k]], R, p)
+        return d
 
-    def _placed(self, pair, frame, part) -> tuple[np.ndarray, np.ndarray]:
-        """R_AB and p_AB of pairs."""
-        a, b = self._frames[pair].T
-        if part.any():
-            u = part[:, None]
-            after = self._q[np.minimum(frame + 1, len(self._q) - 1)]
-            poses = self._meshes.poses((1.0 - u) * self._q[frame] + u * after)
-            at = np.arange(len(pair))
-        else:
-            poses, at = (self._R, self._p), frame
-        R_A, R_B = poses[0][at, a].swapaxes(1, 2), poses[0][at, b]
-        offset = poses[1][at, b] - poses[1][at, a]
-        return R_A @ R_B, (R_A @ offset[..., None])[..., 0]
-
-    def _halve(self, bounds, way_open, touch) -> np.ndarray:
+    def _halve(
+        self, bounds, way_open, touch, share: float, enough: float, finest: float
+    ) -> np.ndarray:
         """Ways whose ends do not show enough are halved.
 
         Args:
             bounds: (P, T - 1) of all ways [m].
             way_open: (P, T - 1) whose are to be replaced: both ends are measured.
             touch: (P, T - 1) on which ways a pair touches; more are found.
+            share, enough, finest: as of `bounds`.
 
         Returns:
             The bounds of all ways.
@@ -504,56 +483,32 @@ class _Search:
         bounds[pair, way] = np.inf
         begin, width = np.zeros(len(pair)), 1.0
         while len(pair):
-            nearer, of_near = (
-                width * steps[pair, way] for steps in (self._steps, self._near_steps)
-            )
-            bound = self._on_parts(first, last, nearer, of_near)
-            enough = bound >= np.minimum(_ENOUGH, 0.5 * np.minimum(first, last))
-            nearer = np.where(np.minimum(first, last) < _NEAR, of_near, nearer)
-            done = enough | (nearer < _FINEST) | touch[pair, way]
+            nearer = width * self.steps[pair, way]
+            bound = _on_parts(first, last, nearer)
+            close = bound >= np.minimum(enough, share * np.minimum(first, last))
+            done = close | (nearer < finest) | touch[pair, way]
             at = pair[done], way[done]
             np.minimum.at(bounds, at, np.maximum(bound[done], 0.0))
             pair, way, begin, first, last = (
                 each[~done] for each in (pair, way, begin, first, last)
             )
             width /= 2.0
-            middle, _ = self._measure(pair, way, begin + width)
+            middle = self._measure(pair, way, begin + width)
             np.logical_or.at(touch, (pair, way), middle <= 0.0)
             pair, way = np.tile(pair, 2), np.tile(way, 2)
             begin = np.concatenate([begin, begin + width])
             first, last = np.concatenate([[first, middle], [middle, last]], axis=1)
         return bounds
 
-    def _look_inside(self, on_ways, touch_at, touch_on) -> None:
-        """One link inside the other touches it, in all frames until surfaces meet.
 
-        Args:
-            on_ways, touch_at, touch_on: as of `MeshClearance`; what is found is added
-                to the last two.
-        """
-        decided = self._parted | touch_at
-        for row in np.flatnonzero(~decided.all(axis=1)):
-            ends = np.flatnonzero(touch_on[row] | (on_ways[row] <= 0.0)) + 1
-            for stretch in np.split(np.arange(decided.shape[1]), ends):
-                k = int(stretch[0])
-                if not decided[row, stretch].any() and self._robot.one_inside(
-                    row, self._q[k]
-                ):
-                    touch_at[row, stretch] = touch_on[row, stretch[:-1]] = True
+def _on_parts(first, last, nearer) -> np.ndarray:
+    """(M2) from the distances at the ends of parts of ways [m]."""
+    return (first + last - nearer) / 2.0
 
 
 def _added_up(steps: np.ndarray) -> np.ndarray:
     """(..., T) sums of all steps (..., T - 1) before."""
     return np.cumsum(np.insert(steps, 0, 0.0, axis=-1), axis=-1)
-
-
-def _spread(low: np.ndarray, high: np.ndarray, L: np.ndarray) -> tuple:
-    """Bounds (P, T) of distances, and what those of all other frames say of them: (M1)
-    with L (P, T)."""
-    low = np.maximum(low, np.maximum.accumulate(low + L, axis=1) - L)
-    low = np.maximum(low, _backward(np.maximum, low - L) + L)
-    high = np.minimum(high, np.minimum.accumulate(high - L, axis=1) + L)
-    return low, np.minimum(high, _backward(np.minimum, high + L) - L)
 
 
 def _backward(of: np.ufunc, values: np.ndarray) -> np.ndarray:

@@ -9,120 +9,46 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
+from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex, JointIndex
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.equations.kinematics import link_poses
-from crar_drake.references.hull_gaps import hull_corners, hull_gaps
-from crar_drake.references.kept_arrays import keep_array, place_of, read_kept
-from crar_drake.references.near_parts import Parts, divided
+from crar_drake.references.surfaces import Surface
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_joint, zero_positions
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot_import.link_meshes import LinkMesh
 from crar_drake.robot_import.meshes import triangles_of
 
-try:
-    import fcl
-except ImportError:  # of an extra, which `link_meshes.check_installed` asks for
-    fcl = None
-
 # Meshes that are no farther apart touch: more than what doubles are off by, of a hull's
 # vertices as of triangles [m].
 ROUNDING = 1e-6
 
-# Where hulls are farther apart than this, the triangles are not asked [m].
-_HULLS_ENOUGH = 1e-3
 
-# Modules that find how far apart meshes are.
-FOUND_BY = ("mesh_pairs", "hull_gaps", "near_parts")
-
-# A winding number beyond is that of a point inside.
-_HALF_TURN = 0.5
-
-
-class CarriedMesh:
+class CarriedMesh(Surface):
     """A link's mesh in the frame F that carries it.
 
     Attributes:
         name: of the link.
-        frame: number of F.
-        vertices: (N, 3) p_FV [m]; faces: (M, 3) indices of them.
-        corners: (8, 3) of its bounding box along the axes of F [m].
-        centre: (3,) of the box [m]; radius: of the ball about it with all vertices [m].
-        hull: corners (H, 3) of its convex hull [m], and (G, 3) triangles of them; none
-            if it is flat.
     """
 
-    def __init__(self, link: LinkMesh, frame: int, X_FB) -> None:
+    def __init__(self, link: LinkMesh, frame: int, X_FB: RigidTransform) -> None:
+        """
+        Args:
+            link: its mesh, in the link's frame B.
+            frame: number of F.
+            X_FB: where the link is.
+        """
         p_BV, faces = triangles_of(link.parts)
         # Files repeat a vertex for each of its triangles.
         p_BV, merged = np.unique(p_BV, axis=0, return_inverse=True)
         a, b, c = (faces := merged.reshape(-1)[faces]).T
-        self.faces = faces[(a != b) & (b != c) & (c != a)]
-        self.name, self.frame = link.name, frame
-        self.vertices = p_BV @ X_FB.rotation().matrix().T + X_FB.translation()
-        used = self.vertices[np.unique(self.faces)]
-        box = np.array([used.min(axis=0), used.max(axis=0)])
-        self.corners = np.array(list(itertools.product(*box.T)))
-        self.centre = box.mean(axis=0)
-        self.radius = float(np.linalg.norm(used - self.centre, axis=1).max())
-        self.hull = np.zeros((0, 3)), np.zeros((0, 3), dtype=int)
-        with suppress(QhullError):  # it is flat: its triangles are asked
-            hull = ConvexHull(used)
-            number = np.empty(len(used), dtype=int)
-            number[hull.vertices] = np.arange(len(hull.vertices))
-            self.hull = used[hull.vertices], number[hull.simplices]
-
-    @cached_property
-    def placed(self) -> tuple[fcl.CollisionObject, fcl.CollisionObject]:
-        """Its surface, to be placed as A and as B; its tree takes a while."""
-        tree = fcl.BVHModel()
-        tree.beginModel(len(self.vertices), len(self.faces))
-        tree.addSubModel(self.vertices, self.faces)
-        tree.endModel()
-        return fcl.CollisionObject(tree), fcl.CollisionObject(tree)
-
-    @cached_property
-    def parts(self) -> Parts:
-        """Small parts of its surface."""
-        return divided(self.vertices[self.faces])
-
-    @cached_property
-    def one_vertex_each(self) -> np.ndarray:
-        """(K, 3) a vertex of each of the K connected pieces of the surface [m]."""
-        a, b, c = self.faces.T
-        edges = np.concatenate([a, b]), np.concatenate([b, c])
-        size = len(self.vertices)
-        graph = coo_array((np.ones(len(edges[0])), edges), shape=(size, size))
-        _, piece = connected_components(graph, directed=False)
-        used = np.unique(self.faces)
-        return self.vertices[used[np.unique(piece[used], return_index=True)[1]]]
-
-    def holds(self, p_FQ: np.ndarray) -> bool:
-        """Whether one of some points is inside, by the surface's winding number.
-
-        Args:
-            p_FQ: (P, 3) points that are not on the surface [m].
-        """
-        lower, upper = self.corners[0], self.corners[-1]
-        for p in p_FQ[((p_FQ > lower) & (p_FQ < upper)).all(axis=1)]:
-            a, b, c = np.moveaxis(self.vertices[self.faces] - p, 1, 0)
-            la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-            # Solid angles: A. van Oosterom and J. Strackee, 1983.
-            ab, bc, ca = (np.sum(x * y, axis=1) for x, y in ((a, b), (b, c), (c, a)))
-            above = np.sum(a * np.cross(b, c), axis=1)
-            angles = np.arctan2(above, la * lb * lc + ab * lc + bc * la + ca * lb)
-            if abs(angles.sum()) / (2.0 * np.pi) > _HALF_TURN:
-                return True
-        return False
+        vertices = p_BV @ X_FB.rotation().matrix().T + X_FB.translation()
+        super().__init__(frame, vertices, faces[(a != b) & (b != c) & (c != a)])
+        self.name = link.name
 
 
 @dataclass(frozen=True)
@@ -182,8 +108,6 @@ class MeshPairs:
             else:
                 beyond_root.append((i, j))
         self.rows = np.array(rows, dtype=int).reshape(-1, 2)
-        self._nearest = fcl.DistanceRequest(enable_nearest_points=True)
-        self._hulls = hull_corners([mesh.hull for mesh in self.meshes])
         built = self._touch_as_built(robot)
         as_built, self.rows = self.named(self.rows[built]), self.rows[~built]
         self.not_of = NotOf(
@@ -202,118 +126,27 @@ class MeshPairs:
         """The names of pairs of indices."""
         return [(self.meshes[i].name, self.meshes[j].name) for i, j in rows]
 
-    def distances(
-        self, pairs: np.ndarray, R: np.ndarray, p: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """How far surfaces A and B are apart at least.
-
-        Of hulls, which are never farther apart than what they hold, where that says
-        enough.
-
-        Args:
-            pairs: (K, 2) of the meshes, in the frames A and B.
-            R, p: (K, 3, 3) R_AB, and (K, 3) p_AB [m].
-
-        Returns:
-            (K,) distances less `ROUNDING`, 0 where they touch [m]; and (K,) whether
-            their hulls are apart, so that neither is inside the other.
-        """
-        gaps = self.gaps(pairs, R, p)
-        parted = gaps > ROUNDING
-        for k in np.flatnonzero(~(gaps >= _HULLS_ENOUGH)):
-            a, b = self._placed(*pairs[k], R[k], p[k])
-            gaps[k] = max(gaps[k], fcl.distance(a, b))
-        return np.maximum(0.0, gaps - ROUNDING), parted
-
-    def gaps(self, pairs: np.ndarray, R: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """(K,) how far hulls are apart at least, 0 or less where nothing says so [m].
-
-        Args: as of `distances`.
-        """
-        return hull_gaps(pairs, R, p, self._hulls)[0]
-
-    def _placed(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> tuple:
-        """Both surfaces, B where it is in A."""
-        a, b = self.meshes[i].placed[0], self.meshes[j].placed[1]
-        b.setTransform(fcl.Transform(R, p))
-        return a, b
-
-    def nearest(
-        self, i: int, j: int, R: np.ndarray, p: np.ndarray, enough: float = np.inf
-    ) -> tuple:
-        """The distance of two surfaces, 0 where they meet, and their nearest points
-        p_AP and p_AQ [m]; of their hulls, where these are farther apart than enough.
-
-        Args:
-            i, j: of the meshes, in the frames A and B.
-            R: (3, 3) R_AB.
-            p: (3,) p_AB [m].
-            enough: [m].
-        """
-        if np.isfinite(enough):
-            pair = np.array([[i, j]])
-            gaps, points = hull_gaps(pair, R[None], p[None], self._hulls)
-            if gaps[0] > enough:
-                return gaps[0], *points[0]
-        near = fcl.DistanceResult()
-        d = fcl.distance(*self._placed(i, j, R, p), self._nearest, near)
-        return max(0.0, d), *near.nearest_points
-
-    def one_inside(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> bool:
-        """Whether a piece of one is inside the other, if no triangles intersect.
-
-        Args: as of `nearest`.
-        """
-        a, b = self.meshes[i], self.meshes[j]
-        return a.holds(b.one_vertex_each @ R.T + p) or b.holds(
-            (a.one_vertex_each - p) @ R
-        )
-
     def _is_carried(self, frame: int, root: int) -> bool:
         while frame > root:  # parents have smaller numbers
             frame = int(self.joints.tree.parent[frame])
         return frame == root
 
     def _touch_as_built(self, robot: WholeBody) -> np.ndarray:
-        """(P,) whether a pair touches in the zero and in the rest posture.
-
-        It depends on the meshes and these postures alone, and is kept in the user's
-        cache under a name by these.
-        """
+        """(P,) whether a pair touches in the zero and in the rest posture."""
         plant = robot.plant
         limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
         zero = np.clip(zero_positions(plant), *limits)
         rest = zero.copy()
         for name, value in robot.description.rest_posture.items():
             rest[find_joint(plant, name).position_start()] = value
-        frames = np.array([mesh.frame for mesh in self.meshes], dtype=int)
-        R, p = self.poses([rest, zero])
-        R, p = R[:, frames], p[:, frames]
-        surfaces = [
-            x for mesh in self.meshes for x in (mesh.vertices, mesh.faces.astype(int))
-        ]
-        place = place_of("as_built", FOUND_BY, [R, p, *surfaces, self.rows])
-        touch = read_kept(place, bool)
-        if touch is None or touch.shape != (len(self.rows),):
-            touch = self._touch_in(R, p)
-            keep_array(place, touch)
-        return touch
-
-    def _touch_in(self, R: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """(P,) whether a pair touches in all of K postures.
-
-        Args:
-            R, p: (K, M, 3, 3) and (K, M, 3) poses of the meshes in them [m].
-        """
         touch = np.ones(len(self.rows), dtype=bool)
-        for at in zip(R, p, strict=True):
-            some = np.flatnonzero(touch)
-            rows = self.rows[some]
-            X = relative_poses(*at, *rows.T)
-            apart, parted = self.distances(rows, *X)
-            touch[some] = apart == 0.0
-            for i in np.flatnonzero((apart > 0.0) & ~parted):
-                touch[some[i]] = self.one_inside(*rows[i], X[0][i], X[1][i])
+        for R, p in zip(*self.poses(np.array([rest, zero])), strict=True):
+            for k in np.flatnonzero(touch):
+                a, b = (self.meshes[i] for i in self.rows[k])
+                X = relative_poses(R, p, a.frame, b.frame)
+                touch[k] = not a.hull_distance(b, *X) > ROUNDING and (
+                    a.distance(b, *X, 2.0 * ROUNDING) <= ROUNDING or a.one_inside(b, *X)
+                )
         return touch
 
     def poses(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -51,9 +51,9 @@ class NearestPoints:
         Args:
             meshes: of the robot; i, j: which of them A and B are.
         """
-        self._meshes, self._i, self._j = meshes, i, j
-        self._a, self._b = (meshes.meshes[k].frame for k in (i, j))
-        self._corners = meshes.meshes[j].corners
+        self._joints = meshes.joints
+        self._surfaces = meshes.meshes[i], meshes.meshes[j]
+        self._a, self._b = (surface.frame for surface in self._surfaces)
         self._known: dict[tuple[int, float], _Points] = {}
 
     def find(
@@ -86,7 +86,7 @@ class NearestPoints:
         k = np.array(known, dtype=int)[near]
         R, p = R[k], p[k]
         P, Q, n = ((R[:, self._a] @ x[near, :, None])[..., 0] for x in (P, Q, n))
-        joints = self._meshes.joints
+        joints = self._joints
         frames = joints.frame_of_velocity
         turns, slides = (
             (R[:, frames] @ x[..., None])[..., 0] for x in (joints.turns, joints.slides)
@@ -97,34 +97,6 @@ class NearestPoints:
             moves = (np.cross(turns, arms) + slides) @ n[..., None]
             gradient += sign * joints.moved_by[frame] * moves[..., 0]
         return k, d[near], gradient
-
-    def signed(self, R: np.ndarray, p: np.ndarray, enough: float) -> np.ndarray:
-        """(K,) how far they are apart, or of hulls that are farther apart than enough
-        how far these are; negative where they meet, NaN if no way out is found [m].
-
-        Args:
-            R: (K, 3, 3) R_AB.
-            p: (K, 3) p_AB [m].
-            enough: [m].
-        """
-        pairs = np.tile([self._i, self._j], (len(R), 1))
-        found = self._meshes.gaps(pairs, R, p)
-        for k in np.flatnonzero(~(found > enough)):
-            found[k] = self._nearest(R[k], p[k])[0]
-            if found[k] < _APART:
-                found[k] = self._depth(R[k], p[k])
-        return found
-
-    def _depth(self, R: np.ndarray, p: np.ndarray) -> float:
-        """Minus how deep they are in each other [m]; NaN if no way out is found."""
-        s = _FIRST
-        while s <= _FARTHEST:
-            apart = [self._nearest(R, p + s * m)[0] for m in _AXES]
-            if max(apart) > 0.0:
-                _, P, Q, n = self._way_out(R, p, _AXES[int(np.argmax(apart))])
-                return float(n @ (Q - P))
-            s *= 2.0
-        return np.nan
 
     def _measure(
         self, places: Sequence, R: np.ndarray, p: np.ndarray, enough: float
@@ -164,12 +136,13 @@ class NearestPoints:
     def _moved(self, was: _Points, R, p) -> tuple[float, float]:
         """The distance that was found, and by how much no point of B has moved more in
         A since [m]."""
-        moves = self._corners @ (R - was.R).T + (p - was.p)
+        moves = self._surfaces[1].corners @ (R - was.R).T + (p - was.p)
         farthest = np.sqrt((moves * moves).sum(axis=1).max())
         return was.n @ (was.R @ was.Q + was.p - was.P), farthest
 
     def _nearest(self, R: np.ndarray, p: np.ndarray, enough: float = np.inf) -> tuple:
-        return self._meshes.nearest(self._i, self._j, R, p, enough)
+        a, b = self._surfaces
+        return a.nearest(b, R, p, enough)
 
     def _way_out(self, R: np.ndarray, p: np.ndarray, m: np.ndarray) -> tuple | None:
         """How far B is moved out of A, along m or on a shorter way from there [m], with

@@ -46,8 +46,8 @@ counts for a micrometre less (`ROUNDING`): Coal is off by less than a tenth of t
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -89,7 +89,6 @@ class MeshClearance:
     # (P, T) whether they were found to touch, or one inside the other
     touch_at: np.ndarray
     touch_on: np.ndarray  # (P, T - 1) the same of ways, their ends among them
-    num_measured: int  # distances that were measured
 
     @property
     def not_shown(self) -> np.ndarray:
@@ -142,20 +141,28 @@ class ClearanceOfMeshes:
             frame, joint = bad[0]
             name = self.robot.joint_names[joint]
             raise MotionError(f"frame {frame + 1}: joint {name!r} is {q[frame, joint]}")
-        if np.array_equal(q, self._last[0]):
-            return self._last[1]
-        asked = q.copy()
-        q, parts, measured = self.robot.configurations(q), [], 0
-        for start in range(0, max(1, len(q) - 1), _BLOCK):
-            part = self._find(q[start : start + _BLOCK + 1])
-            # A frame in which one part ends and the next begins is in both.
-            inner = slice(None, None if start + _BLOCK >= len(q) - 1 else -1)
-            of_frames = part.at_frames[:, inner], part.touch_at[:, inner]
-            parts.append((of_frames[0], part.on_ways, of_frames[1], part.touch_on))
-            measured += part.num_measured
-        arrays = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
-        self._last = asked, MeshClearance(self.meshes.pairs, *arrays, measured)
-        return self._last[1]
+        before, found = self._last
+        if before is None or before.shape != q.shape:
+            found, changed = _nothing(self.meshes.pairs, len(q)), np.ones(len(q), bool)
+        else:
+            changed = (q != before).any(axis=1)
+        if changed.any():
+            found = replace(
+                found,
+                **{
+                    name: x.copy() for name, x in vars(found).items() if name != "pairs"
+                },
+            )
+            whole = self.robot.configurations(q)
+            for start, end in _blocks(changed):
+                # With the ways from and to its neighbours.
+                first = max(start - 1, 0)
+                part = self._find(whole[first : end + 1])
+                for name, x in vars(part).items():
+                    if name != "pairs":
+                        getattr(found, name)[:, first : first + x.shape[1]] = x
+            self._last = q.copy(), found
+        return found
 
     def _find(self, q: np.ndarray) -> MeshClearance:
         """As `find`, of positions (T, nq) of the plant."""
@@ -164,7 +171,7 @@ class ClearanceOfMeshes:
         pairs = [(links[i], links[j]) for i, j in rows]
         hulls = _Search(motion, pairs, _hulls_apart, motion.balls_apart(pairs))
         at, on, _, _ = hulls.bounds(*_OF_HULLS, _HULLS_ENOUGH)
-        parted, num_measured = at > 0.0, hulls.num_measured
+        parted = at > 0.0
         enough = _OF_TRIANGLES[1]
         touch_at, touch_on = np.zeros_like(parted), np.zeros(on.shape, dtype=bool)
         near = (at < _HULLS_ENOUGH).any(axis=1) | ~(on > 0.0).all(axis=1)
@@ -178,7 +185,6 @@ class ClearanceOfMeshes:
             every = np.tile(on[row], (len(pieces), 1))
             search = _Search(motion, pieces, _triangles_apart, low, every)
             found = search.bounds(*_OF_TRIANGLES, _FINEST)
-            num_measured += search.num_measured
             touch_at[row], touch_on[row] = (x.any(axis=0) for x in found[2:])
             for bounds, each in ((at, found[0]), (on, found[1])):
                 least = each.min(axis=0, initial=enough)
@@ -186,9 +192,7 @@ class ClearanceOfMeshes:
             at[row, touch_at[row]] = on[row, touch_on[row]] = 0.0
         self._look_inside(q, parted, on, touch_at, touch_on)
         at[touch_at], on[touch_on] = 0.0, 0.0
-        return MeshClearance(
-            self.meshes.pairs, at, on, touch_at, touch_on, num_measured
-        )
+        return MeshClearance(self.meshes.pairs, at, on, touch_at, touch_on)
 
     def _look_inside(self, q, parted, on, touch_at, touch_on) -> None:
         """One link inside the other touches it, in all frames until surfaces meet.
@@ -276,6 +280,21 @@ def swept(
                 farthest += (rho[k, j] + rho[k + 1, j] + found[k]) / 2.0
             found[k] += steps[k, v] * farthest
     return found
+
+
+def _nothing(pairs: list[tuple[str, str]], frames: int) -> MeshClearance:
+    """Of a motion before it is looked at."""
+    at, on = np.zeros((len(pairs), frames)), np.zeros((len(pairs), frames - 1))
+    return MeshClearance(pairs, at, on, at > 0.0, on > 0.0)
+
+
+def _blocks(mask: np.ndarray) -> Iterator[tuple[int, int]]:
+    """First frame of each stretch of a mask (T,), and the one after its last, of no
+    more than so many frames."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
+    for first, last in edges.reshape(-1, 2):
+        for start in range(first, last, _BLOCK):
+            yield start, min(start + _BLOCK, last)
 
 
 class _Motion:
@@ -388,7 +407,6 @@ class _Search:
         self._low = low
         self._on = np.full_like(self.steps, -np.inf) if on is None else on
         self._found = np.full_like(low, np.inf)  # that was measured
-        self.num_measured = 0
 
     def bounds(
         self, share: float, enough: float, finest: float
@@ -454,7 +472,6 @@ class _Search:
             pair, frame, part: (M,) which pair, and where: the part of the way from a
                 frame to the next.
         """
-        self.num_measured += len(pair)
         d = np.empty(len(pair))
         for start in range(0, len(pair), _BLOCK):
             some = slice(start, start + _BLOCK)

@@ -111,10 +111,12 @@ class NearestPoints:
         for k, place in enumerate(places):
             if place in self._known:
                 d, moved = self._moved(self._known[place], R[k], p[k])
-                if moved < max(_SAME, _SAME_SHARE * d) or d - moved > enough:
+                if moved < max(_SAME, _SAME_SHARE * d):
                     continue
             d, P, Q = self._nearest(R[k], p[k], enough)
-            if d > _APART:
+            if d >= enough:
+                self._known.pop(place, None)
+            elif d > _APART:
                 n = (Q - P) / d
                 self._known[place] = _Points(R[k], p[k], P, (Q - p[k]) @ R[k], n)
             else:

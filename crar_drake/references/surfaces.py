@@ -15,18 +15,19 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
+# Coal finds the distance d of hulls to this times 1 + d [m].
+_TOLERANCE = 1e-6
+
 try:
     import coal
 except ImportError:  # of an extra, which `link_meshes.check_installed` asks for
     coal = None
+else:
+    _IN_PLACE, _ASKED = coal.Transform3s(), coal.DistanceRequest(True)
+    _ASKED.gjk_tolerance = _TOLERANCE
 
 # Pieces of a surface are divided until their boxes have no longer edge [m].
 _PIECE = 0.06
-
-# To this Coal finds the distance of hulls [m]; its own choice is 1e-6.
-_TOLERANCE = 1e-8
-
-_AT_REST = None if coal is None else coal.Transform3s()
 
 # A winding number beyond is that of a point inside.
 _HALF_TURN = 0.5
@@ -59,8 +60,8 @@ class Surface:
         self.radius = float(np.linalg.norm(arms, axis=1).max())
 
     def hull_distance(self, other: Surface, R: np.ndarray, p: np.ndarray) -> float:
-        """How far the convex hulls are apart, 0 or less where they meet, -inf where one
-        is flat [m].
+        """How far the convex hulls are apart at least, less than 0 where they meet [m];
+        -inf where one is flat.
 
         Args:
             other: B, this being A.
@@ -68,7 +69,8 @@ class Surface:
         """
         if self._hull is None or other._hull is None:
             return -np.inf
-        return _measured(self._hull, other._hull, R, p, coal.DistanceResult())
+        d = _measured(self._hull, other._hull, R, p, coal.DistanceResult())
+        return d - _TOLERANCE * (1.0 + d)
 
     def distance(
         self, other: Surface, R: np.ndarray, p: np.ndarray, enough: float = np.inf
@@ -87,19 +89,21 @@ class Surface:
 
     def nearest(
         self, other: Surface, R: np.ndarray, p: np.ndarray, enough: float = np.inf
-    ) -> tuple[float, np.ndarray, np.ndarray]:
+    ) -> tuple[float, np.ndarray | None, np.ndarray | None]:
         """The distance of triangles, 0 where they meet, and their nearest points p_AP
-        and p_AQ [m]; of the hulls, where these are farther apart than enough.
+        and p_AQ [m]; enough or more, and no points, if that is less.
 
         Args: as of `distance`.
         """
+        if np.isfinite(enough):
+            d = self.hull_distance(other, R, p)
+            if d >= enough:
+                return d, None, None
         found = coal.DistanceResult()
-        if np.isfinite(enough) and self._hull is not None and other._hull is not None:
-            d = _measured(self._hull, other._hull, R, p, found)
-            if d > enough:
-                return d, found.getNearestPoint1(), found.getNearestPoint2()
-            found.clear()
+        found.min_distance = min(enough, found.min_distance)
         d = _measured(self._triangles, other._triangles, R, p, found)
+        if d >= enough:
+            return d, None, None
         return max(0.0, d), found.getNearestPoint1(), found.getNearestPoint2()
 
     def one_inside(self, other: Surface, R: np.ndarray, p: np.ndarray) -> bool:
@@ -182,6 +186,4 @@ class Surface:
 
 def _measured(a, b, R: np.ndarray, p: np.ndarray, found: coal.DistanceResult) -> float:
     """By Coal, of two of its shapes; `found` is filled in."""
-    request = coal.DistanceRequest(True)
-    request.gjk_tolerance = _TOLERANCE
-    return coal.distance(a, _AT_REST, b, coal.Transform3s(R, p), request, found)
+    return coal.distance(a, _IN_PLACE, b, coal.Transform3s(R, p), _ASKED, found)

@@ -359,14 +359,10 @@ class Keeper:
             # At first at frames alone: distances of meshes take their time.
             parts = 2**number
             state.parts[some] = np.maximum(state.parts[some], parts)
-            was = y.copy()
-            more = replace(self._with_meshes(problem, meshes, where, parts), about=was)
+            more = self._with_meshes(problem, meshes, where, parts)
+            more = replace(more, about=y.copy())
             self._solve(more, y, state, some, (1, 1))
-            for start, end in _runs(spread((y != was).any(axis=1), 1)):
-                # What a frame does is known with the ways from and to its neighbours.
-                first = max(start - 1, 0)
-                found = meshes.touching(q[first : end + 1])
-                touching[:, start:end] = found[:, start - first : end - first]
+            touching = meshes.touching(q)
         changed = (y != before).any(axis=1)
         worse = touching.any(axis=0) + len(y) * self._violating(state.margins)
         for start, end in _runs(changed):

@@ -29,6 +29,9 @@ _APART = 1e-4
 _FIRST, _FARTHEST = 1e-3, 0.128
 _TURNS = 3  # of the direction of a way out, at most
 _ADVANCES = 30  # back on it, at most
+# What is farther than half the way out, and than this, is not told from each other [m].
+_LEAST = 5e-4
+_ROUNDED = 1e-6  # what doubles are off by, and more [m]
 _AXES = np.vstack([np.eye(3), -np.eye(3)])
 
 
@@ -109,12 +112,16 @@ class NearestPoints:
         """
         meet = []
         for k, place in enumerate(places):
+            farther = enough
             if place in self._known:
-                d, moved = self._moved(self._known[place], R[k], p[k])
+                was = self._known[place]
+                d, moved = self._moved(was, R[k], p[k])
                 if moved < max(_SAME, _SAME_SHARE * d):
                     continue
-            d, P, Q = self._nearest(R[k], p[k], enough)
-            if d >= enough:
+                now = R[k] @ was.Q + p[k] - was.P
+                farther = min(enough, np.linalg.norm(now) + _ROUNDED)
+            d, P, Q = self._nearest(R[k], p[k], farther)
+            if P is None:
                 self._known.pop(place, None)
             elif d > _APART:
                 n = (Q - P) / d
@@ -142,7 +149,7 @@ class NearestPoints:
         farthest = np.sqrt((moves * moves).sum(axis=1).max())
         return was.n @ (was.R @ was.Q + was.p - was.P), farthest
 
-    def _nearest(self, R: np.ndarray, p: np.ndarray, enough: float = np.inf) -> tuple:
+    def _nearest(self, R: np.ndarray, p: np.ndarray, enough: float) -> tuple:
         a, b = self._surfaces
         return a.nearest(b, R, p, enough)
 
@@ -153,7 +160,7 @@ class NearestPoints:
         for _ in range(_TURNS):
             s, d = _FIRST, 0.0
             while s <= _FARTHEST:
-                d, P, Q = self._nearest(R, p + s * m)
+                d, P, Q = self._nearest(R, p + s * m, max(0.5 * s, _LEAST))
                 if d > 0.0:
                     break
                 s *= 2.0
@@ -164,8 +171,8 @@ class NearestPoints:
                 if d < 2.0 * _APART:
                     break
                 s -= d - _APART
-                d, P, Q = self._nearest(R, p + s * m)
-            if best is not None and s >= best[0]:
+                d, P, Q = self._nearest(R, p + s * m, max(0.5 * s, _LEAST))
+            if P is None or (best is not None and s >= best[0]):
                 break
             n = (Q - P) / d
             best, m = (s, P, Q - s * m, n), n

@@ -73,7 +73,7 @@ class Surface:
         return d - _TOLERANCE * (1.0 + d)
 
     def distance(
-        self, other: Surface, R: np.ndarray, p: np.ndarray, enough: float = np.inf
+        self, other: Surface, R: np.ndarray, p: np.ndarray, enough: float
     ) -> float:
         """How far triangles are apart, 0 where they meet; or enough, if that is less
         [m].
@@ -83,24 +83,23 @@ class Surface:
         """
         found = coal.DistanceResult()
         # Coal looks for nothing that is farther.
-        found.min_distance = min(enough, found.min_distance)
+        found.min_distance = enough
         d = _measured(self._triangles, other._triangles, R, p, found)
         return max(0.0, d)
 
     def nearest(
-        self, other: Surface, R: np.ndarray, p: np.ndarray, enough: float = np.inf
+        self, other: Surface, R: np.ndarray, p: np.ndarray, enough: float
     ) -> tuple[float, np.ndarray | None, np.ndarray | None]:
         """The distance of triangles, 0 where they meet, and their nearest points p_AP
         and p_AQ [m]; enough or more, and no points, if that is less.
 
         Args: as of `distance`.
         """
-        if np.isfinite(enough):
-            d = self.hull_distance(other, R, p)
-            if d >= enough:
-                return d, None, None
+        d = self.hull_distance(other, R, p)
+        if d >= enough:
+            return d, None, None
         found = coal.DistanceResult()
-        found.min_distance = min(enough, found.min_distance)
+        found.min_distance = enough
         d = _measured(self._triangles, other._triangles, R, p, found)
         if d >= enough:
             return d, None, None

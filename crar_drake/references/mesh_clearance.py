@@ -45,7 +45,6 @@ counts for a micrometre less (`ROUNDING`): Coal is off by less than a tenth of t
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -72,7 +71,7 @@ _FINEST = 1e-4
 _FARTHEST = 1e5
 
 # Configurations whose frames are placed at a time, and frames that are searched.
-_BLOCK = 4096
+_BLOCK = 512
 
 Pair = tuple[Surface, Surface]  # A and B
 
@@ -169,21 +168,22 @@ class ClearanceOfMeshes:
         links, rows = self.meshes.meshes, self.meshes.rows
         motion = _Motion(self.meshes, q)
         pairs = [(links[i], links[j]) for i, j in rows]
-        hulls = _Search(motion, pairs, _hulls_apart, motion.balls_apart(pairs))
+        low = motion.balls_apart(links, links)[rows[:, 0], rows[:, 1]]
+        hulls = _Search(motion, pairs, _hulls_apart, low)
         at, on, _, _ = hulls.bounds(*_OF_HULLS, _HULLS_ENOUGH)
         parted = at > 0.0
         enough = _OF_TRIANGLES[1]
         touch_at, touch_on = np.zeros_like(parted), np.zeros(on.shape, dtype=bool)
         near = (at < _HULLS_ENOUGH).any(axis=1) | ~(on > 0.0).all(axis=1)
         for row in np.flatnonzero(near):
-            pieces = list(itertools.product(*(x.pieces for x in pairs[row])))
-            low = np.maximum(motion.balls_apart(pieces), at[row])
-            ways = _on_parts(low[:, :-1], low[:, 1:], hulls.steps[row])
-            far = (low >= enough).all(axis=1)
-            far &= (np.maximum(ways, on[row]) >= enough).all(axis=1)
-            pieces, low = [pieces[k] for k in np.flatnonzero(~far)], low[~far]
+            of_a, of_b = (x.pieces for x in pairs[row])
+            low = np.maximum(motion.balls_apart(of_a, of_b), at[row])
+            ways = _on_parts(low[..., :-1], low[..., 1:], hulls.steps[row])
+            far = (low >= enough).all(axis=2)
+            far &= (np.maximum(ways, on[row]) >= enough).all(axis=2)
+            pieces = [(of_a[i], of_b[j]) for i, j in np.argwhere(~far)]
             every = np.tile(on[row], (len(pieces), 1))
-            search = _Search(motion, pieces, _triangles_apart, low, every)
+            search = _Search(motion, pieces, _triangles_apart, low[~far], every)
             found = search.bounds(*_OF_TRIANGLES, _FINEST)
             touch_at[row], touch_on[row] = (x.any(axis=0) for x in found[2:])
             for bounds, each in ((at, found[0]), (on, found[1])):
@@ -336,17 +336,22 @@ class _Motion:
             )
         return self._swept[key]
 
-    def balls_apart(self, pairs: Sequence[Pair]) -> np.ndarray:
-        """(P, T) how far the balls about both surfaces are apart [m]."""
-        of = list({id(x): x for pair in pairs for x in pair}.values())
-        number = {id(x): k for k, x in enumerate(of)}
-        frames = np.array([x.frame for x in of], dtype=int)
-        centres = np.array([x.centre for x in of]).reshape(-1, 3)
-        radii = np.array([x.radius for x in of])
-        centres = self._p[:, frames] + (self._R[:, frames] @ centres[..., None])[..., 0]
-        a, b = np.array([[number[id(x)] for x in pair] for pair in pairs]).T
-        apart = np.linalg.norm(centres[:, a] - centres[:, b], axis=2).T
-        return apart - (radii[a] + radii[b])[:, None] - 1e-9
+    def balls_apart(
+        self, some: Sequence[Surface], others: Sequence[Surface]
+    ) -> np.ndarray:
+        """(A, B, T) how far the balls about surfaces and about others are apart [m]."""
+        (a, radii_a), (b, radii_b) = self._balls(some), self._balls(others)
+        square = np.sum(a * a, axis=2)[:, :, None] + np.sum(b * b, axis=2)[:, None]
+        square -= 2.0 * a @ b.swapaxes(1, 2)
+        apart = np.sqrt(np.maximum(square, 0.0)) - radii_a[:, None] - radii_b
+        return np.moveaxis(apart, 0, 2) - 1e-9  # that doubles are off by
+
+    def _balls(self, surfaces: Sequence[Surface]) -> tuple[np.ndarray, np.ndarray]:
+        """Their centres (T, A, 3) and radii (A,) [m]."""
+        frames = np.array([x.frame for x in surfaces], dtype=int)
+        centres = np.array([x.centre for x in surfaces]).reshape(-1, 3, 1)
+        placed = self._p[:, frames] + (self._R[:, frames] @ centres)[..., 0]
+        return placed, np.array([x.radius for x in surfaces])
 
     def placed(self, a, b, frame, part) -> tuple[np.ndarray, np.ndarray]:
         """R_AB (M, 3, 3) and p_AB (M, 3) [m].

@@ -27,7 +27,7 @@ else:
     _ASKED.gjk_tolerance = _TOLERANCE
 
 # Pieces of a surface are divided until their boxes have no longer edge [m].
-_PIECE = 0.06
+_PIECE = 0.12
 
 # A winding number beyond is that of a point inside.
 _HALF_TURN = 0.5

@@ -15,26 +15,14 @@ from scipy.spatial.transform import Rotation
 from small_urdfs import joint, link, robot, write
 
 from crar_drake.errors import MotionError
-from crar_drake.references import pair_tables
 from crar_drake.references.mesh_clearance import ClearanceOfMeshes, MeshClearance
-from crar_drake.references.mesh_pairs import ROUNDING, MeshPairs
+from crar_drake.references.mesh_pairs import ROUNDING
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 
-# A bound is so close to the distance: a share of it, or so much [m]; of measured ways,
-# and of tables.
-MEASURED, OF_TABLES = (0.5, 5e-3), (pair_tables.SHARE, pair_tables.ENOUGH)
+# A bound is so close to the distance: a share of it, or so much [m].
+SHARE, ENOUGH = 0.1, 2e-4
 WIDE = 'lower="-9" upper="9" effort="9" velocity="9"'
-
-
-@pytest.fixture(autouse=True, params=["tables", "measured"])
-def close(request, tmp_path_factory, monkeypatch) -> tuple[float, float]:
-    """All this holds of hand and post by their table, and without one."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-    if request.param == "tables":
-        return OF_TABLES
-    monkeypatch.setattr(ClearanceOfMeshes, "_find_tables", lambda self: {})
-    return MEASURED
 
 
 def robot_of(
@@ -72,15 +60,14 @@ def found_for(body: WholeBody, q) -> tuple[ClearanceOfMeshes, MeshClearance]:
     return meshes, meshes.find(np.asarray(q, dtype=float))
 
 
-def assert_close(bound, distance, close, slack: float = 0.0) -> None:
+def assert_close(bound, distance, slack: float = 0.0) -> None:
     """Bounds hold, and are a share of the distance at least, or enough."""
     assert np.all(bound <= distance + slack + 1e-12)
-    share, enough = close
-    least = np.minimum(enough, share * distance) - 2.0 * ROUNDING
+    least = np.minimum(ENOUGH, SHARE * distance) - 2.0 * ROUNDING
     assert np.all(bound >= least), (bound - least).min()
 
 
-def test_balls_on_a_turning_arm(tmp_path, close):
+def test_balls_on_a_turning_arm(tmp_path):
     """Two balls at the same distance from the axis are 2 a sin(q / 2) - 2 r apart."""
     a, r = 1.0, 0.1
     ball = trimesh.creation.icosphere(4, radius=r)
@@ -96,13 +83,13 @@ def test_balls_on_a_turning_arm(tmp_path, close):
     # Faces are within the ball by so much at most.
     sagitta = r - np.linalg.norm(ball.triangles_center, axis=1).min()
     d = 2.0 * a * np.sin(angles / 2.0) - 2.0 * r
-    assert_close(found.at_frames[0], d, close, 2.0 * sagitta)
-    assert_close(found.on_ways[0], np.minimum(d[:-1], d[1:]), close, 2.0 * sagitta)
+    assert_close(found.at_frames[0], d, 2.0 * sagitta)
+    assert_close(found.on_ways[0], np.minimum(d[:-1], d[1:]), 2.0 * sagitta)
     assert not found.touch_at.any() and not found.touch_on.any()
     assert not found.not_shown.any()
 
 
-def test_boxes_that_slide_apart_and_meet(tmp_path, close):
+def test_boxes_that_slide_apart_and_meet(tmp_path):
     """Their faces are 0.2 - q apart; at q = 0.2 they touch, and in no other frame."""
     body = robot_of(
         tmp_path, box((0.3, -0.1, -0.1), (0.4, 0.1, 0.1)), box((0, 0, 0), (0.1,) * 3)
@@ -115,14 +102,14 @@ def test_boxes_that_slide_apart_and_meet(tmp_path, close):
     d = 0.2 - slide
     apart = np.arange(len(d)) != 6
     assert found.at_frames[0, 6] == 0.0
-    assert_close(found.at_frames[0, apart], d[apart], close)
+    assert_close(found.at_frames[0, apart], d[apart])
     assert found.on_ways[0, 5] == found.on_ways[0, 6] == 0.0
     least = np.minimum(d[:-1], d[1:])
-    assert_close(found.on_ways[0, [0, 1, 2, 3, 4, 7]], least[[0, 1, 2, 3, 4, 7]], close)
+    assert_close(found.on_ways[0, [0, 1, 2, 3, 4, 7]], least[[0, 1, 2, 3, 4, 7]])
 
 
 @pytest.mark.parametrize("thick", [1e-3, 1e-4])
-def test_a_blade_between_two_frames(tmp_path, thick, close):
+def test_a_blade_between_two_frames(tmp_path, thick):
     """It goes through a post of its own thickness, far from both in all frames."""
     half = thick / 2.0
     body = robot_of(
@@ -132,9 +119,9 @@ def test_a_blade_between_two_frames(tmp_path, thick, close):
     )
     q = np.column_stack([[-0.9, -0.31, 0.2, 0.6], np.zeros(4)])
     _, found = found_for(body, q)
-    assert not found.touch_at.any() and found.at_frames.min() >= close[1]
+    assert not found.touch_at.any() and found.at_frames.min() >= ENOUGH
     assert found.touch_on.tolist() == [[False, True, False]]
-    assert found.on_ways[0, 1] == 0.0 and found.on_ways[0, [0, 2]].min() > close[1]
+    assert found.on_ways[0, 1] == 0.0 and found.on_ways[0, [0, 2]].min() > ENOUGH
 
 
 def test_blades_without_thickness_are_never_said_to_be_clear(tmp_path):
@@ -150,7 +137,7 @@ def test_blades_without_thickness_are_never_said_to_be_clear(tmp_path):
     assert found.on_ways[0, 1] == 0.0 and found.on_ways[0, [0, 2]].min() > 0.0
 
 
-def test_one_link_inside_the_other(tmp_path, close):
+def test_one_link_inside_the_other(tmp_path):
     """No surfaces meet there; nor are the links clear until it has come out."""
     shell = box((0.5, -0.5, -0.5), (1.5, 0.5, 0.5))
     body = robot_of(tmp_path, shell, box((-0.05,) * 3, (0.05,) * 3))
@@ -158,10 +145,10 @@ def test_one_link_inside_the_other(tmp_path, close):
     _, found = found_for(body, np.column_stack([0.0 * slide, slide]))
     assert found.touch_at[0].tolist() == [True] * 4 + [False] * 2
     assert found.touch_on[0].tolist() == [True] * 4 + [False]
-    assert_close(found.at_frames[0, 4:], np.array([0.25, 0.45]), close)
+    assert_close(found.at_frames[0, 4:], np.array([0.25, 0.45]))
 
 
-def test_hulls_that_overlap_where_meshes_do_not(tmp_path, close):
+def test_hulls_that_overlap_where_meshes_do_not(tmp_path):
     """A peg in the gap of a fork: 20 mm free on both sides, and hulls say nothing."""
     fork = trimesh.util.concatenate(
         [
@@ -176,23 +163,23 @@ def test_hulls_that_overlap_where_meshes_do_not(tmp_path, close):
     _, found = found_for(body, np.column_stack([0.0 * slide, slide]))
     d = 0.02 - np.abs(slide)
     assert found.touch_at[0].tolist() == [False] * 4 + [True]
-    assert_close(found.at_frames[0, :4], d[:4], close)
-    assert_close(found.on_ways[0, :3], np.minimum(d[:3], d[1:4]), close)
+    assert_close(found.at_frames[0, :4], d[:4])
+    assert_close(found.on_ways[0, :3], np.minimum(d[:3], d[1:4]))
     assert found.touch_on[0].tolist() == [False] * 3 + [True]
 
 
-def test_a_single_frame(tmp_path, close):
+def test_a_single_frame(tmp_path):
     body = robot_of(
         tmp_path, box((0.3, -0.1, -0.1), (0.4, 0.1, 0.1)), box((0, 0, 0), (0.1,) * 3)
     )
     for slide, d in ((0.17, 0.03), (0.2, 0.0), (-3.0, 3.2)):
         _, found = found_for(body, [[0.0, slide]])
         assert found.on_ways.shape == (1, 0)
-        assert_close(found.at_frames[0], np.array([d]), close)
+        assert_close(found.at_frames[0], np.array([d]))
         assert found.touch_at[0, 0] == (d == 0.0)
 
 
-def test_many_frames_are_searched_in_parts(tmp_path, monkeypatch, close):
+def test_many_frames_are_searched_in_parts(tmp_path, monkeypatch):
     body = robot_of(
         tmp_path, box((0.3, -0.1, -0.1), (0.4, 0.1, 0.1)), box((0, 0, 0), (0.1,) * 3)
     )
@@ -204,7 +191,7 @@ def test_many_frames_are_searched_in_parts(tmp_path, monkeypatch, close):
     assert parts.at_frames.shape == (1, 14) and parts.on_ways.shape == (1, 13)
     np.testing.assert_array_equal(parts.touch_at, whole.touch_at)
     np.testing.assert_array_equal(parts.touch_on, whole.touch_on)
-    assert_close(parts.at_frames[0], 0.2 - slide, close)
+    assert_close(parts.at_frames[0], 0.2 - slide)
 
 
 def test_what_is_no_number_is_told(tmp_path):
@@ -333,7 +320,7 @@ def chains(folder: Path, seed: int) -> Chains:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_dense_samples_by_another_library(tmp_path, seed, close):
+def test_dense_samples_by_another_library(tmp_path, seed):
     """MuJoCo's boxes come nowhere nearer than the bounds, and touch where these say."""
     both = chains(tmp_path, seed)
     rng = np.random.default_rng(seed + 100)
@@ -351,7 +338,7 @@ def test_dense_samples_by_another_library(tmp_path, seed, close):
         assert np.all(found.at_frames[:, k] <= np.maximum(d, 0.0) + 1e-7)
         assert not found.touch_at[apart, k].any()
         assert found.touch_at[d < -1e-6, k].all()
-        assert_close(found.at_frames[apart, k], d[apart], close, 1e-7)
+        assert_close(found.at_frames[apart, k], d[apart], 1e-7)
         if k + 1 < len(q):
             for u in np.linspace(0.0, 1.0, 25):
                 there = both.distances((1.0 - u) * q[k] + u * q[k + 1])
@@ -370,7 +357,7 @@ def test_no_point_goes_farther_than_the_bound(tmp_path, seed):
     rng = np.random.default_rng(seed)
     q = both.body.configurations(np.cumsum(rng.normal(size=(4, 9)), axis=0))
     meshes = ClearanceOfMeshes(both.body)
-    bound = meshes.advance(q, *meshes.meshes.poses(q))
+    bound = meshes.advance(q)
     plant = both.body.plant
     context = plant.CreateDefaultContext()
     trunk = plant.GetBodyByName("trunk")
@@ -422,7 +409,7 @@ def test_one_joint_moves_a_point_as_far_as_its_arc(tmp_path):
     meshes = ClearanceOfMeshes(body)
     q = np.array([[0.2, 1.0], [0.9, 1.0], [0.9, -0.5]])
     arm = np.sqrt(2.0 + 2.0 * np.cos(1.0))  # from the shoulder to the needle's end
-    bound = meshes.advance(q, *meshes.meshes.poses(q))
+    bound = meshes.advance(q)
     np.testing.assert_allclose(bound[0], [0.7 * arm, 1.5], rtol=1e-5)
 
 
@@ -445,40 +432,5 @@ def test_an_arm_that_stretches_on_the_way(tmp_path):
     end = np.exp(1j * shoulder) + np.exp(1j * (shoulder + bend))
     path = np.abs(np.diff(end)).sum()
     bent = 3.0 * np.sqrt(2.0 + 2.0 * np.cos(2.0)) + 4.0
-    bound = meshes.advance(q, *meshes.meshes.poses(q))[0, 0]
+    bound = meshes.advance(q)[0, 0]
     assert bent < path <= bound < 2.0 * path
-
-
-def test_what_touches_as_built_is_looked_for_once(tmp_path, monkeypatch):
-    """By meshes and postures: a hand elsewhere is looked at again, and what other
-    sources found as well."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    small, looked = box((-0.01,) * 3, (0.01,) * 3), []
-    distances = MeshPairs.distances
-    monkeypatch.setattr(
-        MeshPairs, "distances", lambda *a: looked.append(1) or distances(*a)
-    )
-
-    def as_built(far):
-        hand = small.copy().apply_translation([far, 0.0, 0.0])
-        looked.clear()
-        meshes = MeshPairs(robot_of(tmp_path, small, hand))
-        return meshes.not_of.as_built, len(meshes.rows), bool(looked)
-
-    assert as_built(0.0) == ([("post", "hand")], 0, True)
-    assert as_built(0.0) == ([("post", "hand")], 0, False)
-    assert as_built(1.0) == ([], 1, True)
-    assert as_built(1.0) == ([], 1, False)
-    (first, second) = (tmp_path / "cache" / "crar-drake" / "as_built").iterdir()
-    whole = [file.read_bytes() for file in (first, second)]
-    # Cut off; a header without its end; an archive's first bytes.
-    for damaged in (
-        lambda x: x[:-1],
-        lambda x: x.replace(b"}", b" "),
-        b"PK\x03\x04".__add__,
-    ):
-        for file, content in zip((first, second), whole, strict=True):
-            file.write_bytes(damaged(content))
-        assert as_built(0.0) == ([("post", "hand")], 0, True)
-    monkeypatch.setattr("crar_drake.references.mesh_pairs.FOUND_BY", ("hull_gaps",))
-    assert as_built(0.0) == ([("post", "hand")], 0, True)

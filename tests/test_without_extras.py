@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 EXTRAS = (
-    *("fcl", "trimesh", "collada", "networkx", "fast_simplification", "mujoco"),
+    *("fcl", "coal", "trimesh", "collada", "networkx", "fast_simplification", "mujoco"),
     *("example_robot_data", "ezc3d", "numba", "torch", "joblib"),
 )
 # Of a process that reads C3D files, and what is imported if Numba is there.

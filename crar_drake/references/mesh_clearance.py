@@ -52,7 +52,12 @@ import numpy as np
 
 from crar_drake.equations.compilation import compiled
 from crar_drake.errors import MotionError
-from crar_drake.references.mesh_pairs import ROUNDING, MeshPairs, relative_poses
+from crar_drake.references.mesh_pairs import (
+    ROUNDING,
+    MeshPairs,
+    postures_as_built,
+    relative_poses,
+)
 from crar_drake.references.surfaces import Surface
 from crar_drake.references.whole_body import WholeBody
 
@@ -121,6 +126,8 @@ class ClearanceOfMeshes:
         self.robot, self.meshes = robot, MeshPairs(robot)
         # What was asked last is often asked again. None is equal to nothing.
         self._last: tuple[np.ndarray | None, MeshClearance | None] = None, None
+        touch = [self._find(q[None]).touch_at for q in postures_as_built(robot)]
+        self.meshes.leave_out(np.concatenate(touch, axis=1).all(axis=1))
 
     def find(self, joint_positions: np.ndarray) -> MeshClearance:
         """What the pairs keep on a motion.

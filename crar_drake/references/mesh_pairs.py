@@ -108,11 +108,9 @@ class MeshPairs:
             else:
                 beyond_root.append((i, j))
         self.rows = np.array(rows, dtype=int).reshape(-1, 2)
-        built = self._touch_as_built(robot)
-        as_built, self.rows = self.named(self.rows[built]), self.rows[~built]
         self.not_of = NotOf(
             one_joint=self.named(one_joint),
-            as_built=as_built,
+            as_built=[],
             beyond_root=self.named(beyond_root),
             without_mesh=[b.name() for b in bodies if int(b.index()) not in shaped],
         )
@@ -131,23 +129,14 @@ class MeshPairs:
             frame = int(self.joints.tree.parent[frame])
         return frame == root
 
-    def _touch_as_built(self, robot: WholeBody) -> np.ndarray:
-        """(P,) whether a pair touches in the zero and in the rest posture."""
-        plant = robot.plant
-        limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-        zero = np.clip(zero_positions(plant), *limits)
-        rest = zero.copy()
-        for name, value in robot.description.rest_posture.items():
-            rest[find_joint(plant, name).position_start()] = value
-        touch = np.ones(len(self.rows), dtype=bool)
-        for R, p in zip(*self.poses(np.array([rest, zero])), strict=True):
-            for k in np.flatnonzero(touch):
-                a, b = (self.meshes[i] for i in self.rows[k])
-                X = relative_poses(R, p, a.frame, b.frame)
-                touch[k] = not a.hull_distance(b, *X) > ROUNDING and (
-                    a.distance(b, *X, 2.0 * ROUNDING) <= ROUNDING or a.one_inside(b, *X)
-                )
-        return touch
+    def leave_out(self, built: np.ndarray) -> None:
+        """Takes out pairs that touch as they are built.
+
+        Args:
+            built: (P,) which do.
+        """
+        self.not_of.as_built.extend(self.named(self.rows[built]))
+        self.rows = self.rows[~built]
 
     def poses(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """R_WF (K, N, 3, 3) and p_WF (K, N, 3) of all frames [m].
@@ -159,6 +148,17 @@ class MeshPairs:
         X = link_poses(np.array(q, dtype=float), tree, tree.every)
         X = X.reshape(len(q), -1, 4, 3)
         return X[:, :, :3].swapaxes(2, 3), X[:, :, 3]
+
+
+def postures_as_built(robot: WholeBody) -> list[np.ndarray]:
+    """(nq,) positions of the plant each: the rest posture, and zero."""
+    plant = robot.plant
+    limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+    zero = np.clip(zero_positions(plant), *limits)
+    rest = zero.copy()
+    for name, value in robot.description.rest_posture.items():
+        rest[find_joint(plant, name).position_start()] = value
+    return [rest, zero]
 
 
 def relative_poses(R: np.ndarray, p: np.ndarray, a, b) -> tuple:

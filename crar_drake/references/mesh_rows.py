@@ -1,9 +1,6 @@
 """Rows of the distances of meshes, where a motion is changed.
 
 Where pairs are to be parted the rows are of their nearest points (`nearest_points`).
-Elsewhere pairs with two joints between them have rows, which are interpolated
-(`pair_grids`): so that most meshes are apart before they are asked.
-
 Nothing that is certified depends on these: `mesh_clearance` measures anew.
 """
 

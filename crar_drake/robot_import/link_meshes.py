@@ -24,7 +24,7 @@ from crar_drake.robot_import.robot_folder import TRIANGLES, triangles_file
 from crar_drake.robot_import.source_robot import Link, Shape, drake_shape
 
 # Module to the package that brings it.
-_PACKAGES = {"trimesh": "trimesh", "fcl": "python-fcl"}
+_PACKAGES = {"trimesh": "trimesh", "fcl": "python-fcl", "coal": "coal"}
 
 
 @dataclass(frozen=True)
@@ -50,17 +50,18 @@ def has_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> bool:
 def check_installed() -> None:
     """Asks for what meshes are read and compared with, before a long judgement.
 
-    Meshes of an imported robot are read without trimesh, which takes a while to import.
+    Meshes of an imported robot are read without trimesh, and judged without Coal, which
+    take a while to import.
 
     Raises:
         ModelError: a package of the extra `robots` is not installed, or is broken;
-            that trimesh is broken is told when it is used.
+            that trimesh or Coal is broken is told when it is used.
     """
     require_packages(
         _PACKAGES,
         "judging by meshes",
         " (or judge by the collision shapes alone: --no-meshes)",
-        later=("trimesh",),
+        later=("trimesh", "coal"),
     )
 
 

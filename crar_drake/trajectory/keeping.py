@@ -9,10 +9,9 @@ to the next are found (`margins`). Where they are too small, more is asked for, 
 small window is solved again; where that does not help, from a clear straight way that
 leads past it. What stays violated is reported.
 
-Meshes of links that no capsules hold apart have rows of their own: of pairs with two
-joints between them, wherever something is solved. Last, all meshes are asked. Where
-some touch, rows of their nearest points are added, and a small window is solved again.
-Where that parts nothing, the motion is left as it was.
+Last, the meshes of links are asked. Where some touch, rows of their nearest points are
+added, and a small window is solved again. Where that parts nothing, the motion is left
+as it was.
 """
 
 from __future__ import annotations
@@ -92,8 +91,7 @@ class Meshes(Protocol):
             where: (P, T) at which frames, and on the way to the next, a pair is looked
                 at,
             parts: and of how many parts of that way at the ends alone; the more, the
-                farther they are to be apart. Elsewhere pairs have rows at all samples
-                of which distances are known without being measured.
+                farther they are to be apart.
         """
 
 
@@ -271,11 +269,7 @@ class Keeper:
             margins=margins,
             effort=effort or Effort(),
         )
-        solved = problem
-        if meshes is not None:
-            nowhere = np.zeros((meshes.num_pairs, frames), dtype=bool)
-            solved = self._with_meshes(problem, meshes, nowhere, 1)
-        self._solve(solved, y, state, violating, range(_TRIES), progress)
+        self._solve(problem, y, state, violating, range(_TRIES), progress)
         if meshes is not None:
             self._part_meshes(problem, meshes, y, state)
         return y, self._violating(state.margins), state.effort

@@ -67,7 +67,7 @@ _OF_HULLS, _OF_TRIANGLES = (0.5, 5e-3), (0.1, 1e-3)
 
 # Where hulls are farther apart than this, the triangles are not asked [m]; triangles
 # that are farther apart are not told from each other.
-_HULLS_ENOUGH, _CAP = 1e-3, 2e-3
+_HULLS_ENOUGH, _CAP = 3e-4, 2e-3
 
 # Parts of a way on which two links come nearer by less are not halved [m].
 _FINEST = 1e-4

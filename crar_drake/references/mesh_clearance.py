@@ -38,9 +38,10 @@ other; on each stretch of the motion on which a pair's surfaces do not meet it i
 somewhere (a plane parts the hulls, or winding numbers say so), and so on all of it.
 
 **Assumptions.** The links are rigid and are what their files of triangles say, the
-joints are where the motion has them, and it goes straight in between. Distances of
-hulls and of triangles are those of Coal, a library that is trusted. A measured distance
-counts for a micrometre less (`ROUNDING`): Coal is off by less than a tenth of that.
+joints are where the motion has them, and it goes straight in between. The distance of
+hulls is shown by a plane, whoever found it; that of triangles is Coal's, a library's
+that is trusted. A measured distance counts for a micrometre less (`ROUNDING`): doubles
+are off by less than a thousandth of that.
 """
 
 from __future__ import annotations

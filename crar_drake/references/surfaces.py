@@ -15,16 +15,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-# Coal finds the distance d of hulls to this times 1 + d [m].
-_TOLERANCE = 1e-6
-
 try:
     import coal
 except ImportError:  # of an extra, which `link_meshes.check_installed` asks for
     coal = None
 else:
     _IN_PLACE, _ASKED = coal.Transform3s(), coal.DistanceRequest(True)
-    _ASKED.gjk_tolerance = _TOLERANCE
 
 # Pieces of a surface are divided until their boxes have no longer edge [m].
 _PIECE = 0.12
@@ -60,8 +56,12 @@ class Surface:
         self.radius = float(np.linalg.norm(arms, axis=1).max())
 
     def hull_distance(self, other: Surface, R: np.ndarray, p: np.ndarray) -> float:
-        """How far the convex hulls are apart at least, less than 0 where they meet [m];
-        -inf where one is flat.
+        """How far the convex hulls are apart at least, 0 or less where nothing says
+        that they are [m].
+
+        What a plane leaves free between all their corners: Coal seeks the farthest
+        corner from one to the next, which may end too early, so that its distance may
+        be too large.
 
         Args:
             other: B, this being A.
@@ -69,8 +69,12 @@ class Surface:
         """
         if self._hull is None or other._hull is None:
             return -np.inf
-        d = _measured(self._hull, other._hull, R, p, coal.DistanceResult())
-        return d - _TOLERANCE * (1.0 + d)
+        (hull, corners), (other_hull, others) = self._hull, other._hull
+        found = coal.DistanceResult()
+        if not _measured(hull, other_hull, R, p, found) > 0.0:
+            return 0.0
+        n = found.normal
+        return float((others @ (R.T @ n)).min() + n @ p - (corners @ n).max())
 
     def distance(
         self, other: Surface, R: np.ndarray, p: np.ndarray, enough: float
@@ -132,17 +136,17 @@ class Surface:
         return [Surface(self.frame, self.vertices, faces) for faces in small]
 
     @cached_property
-    def _hull(self) -> coal.Convex | None:
-        """None if it is flat: its triangles are asked."""
+    def _hull(self) -> tuple[coal.Convex, np.ndarray] | None:
+        """With its corners (H, 3) [m]; None if it is flat: its triangles are asked."""
         with suppress(QhullError):
             hull = ConvexHull(self.vertices)
             number = np.empty(len(self.vertices), dtype=int)
             number[hull.vertices] = np.arange(len(hull.vertices))
             points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-            points.extend(list(self.vertices[hull.vertices]))
-            corners = number[hull.simplices].tolist()
-            faces.extend([coal.Triangle(*three) for three in corners])
-            return coal.Convex(points, faces)
+            points.extend(list(corners := self.vertices[hull.vertices]))
+            triangles = number[hull.simplices].tolist()
+            faces.extend([coal.Triangle(*three) for three in triangles])
+            return coal.Convex(points, faces), corners
         return None
 
     @cached_property

@@ -111,6 +111,9 @@ class MeshClearance:
         return int((~(self.on_ways > 0.0)).any(axis=0).sum())
 
 
+_ARRAYS = ("at_frames", "on_ways", "touch_at", "touch_on")
+
+
 class ClearanceOfMeshes:
     """Finds what the meshes of a robot keep on its motions.
 
@@ -125,7 +128,7 @@ class ClearanceOfMeshes:
             ModelError: a mesh cannot be read, or a joint is of no known kind.
         """
         self.robot, self.meshes = robot, MeshPairs(robot)
-        # What was asked last is often asked again. None is equal to nothing.
+        # What was asked last is often asked again, with some frames changed.
         self._last: tuple[np.ndarray | None, MeshClearance | None] = None, None
         touch = [self._find(q[None]).touch_at for q in postures_as_built(robot)]
         self.meshes.leave_out(np.concatenate(touch, axis=1).all(axis=1))
@@ -154,20 +157,16 @@ class ClearanceOfMeshes:
         else:
             changed = (q != before).any(axis=1)
         if changed.any():
-            found = replace(
-                found,
-                **{
-                    name: x.copy() for name, x in vars(found).items() if name != "pairs"
-                },
-            )
+            copies = {name: getattr(found, name).copy() for name in _ARRAYS}
+            found = replace(found, **copies)
             whole = self.robot.configurations(q)
             for start, end in _blocks(changed):
                 # With the ways from and to its neighbours.
                 first = max(start - 1, 0)
                 part = self._find(whole[first : end + 1])
-                for name, x in vars(part).items():
-                    if name != "pairs":
-                        getattr(found, name)[:, first : first + x.shape[1]] = x
+                for name in _ARRAYS:
+                    x = getattr(part, name)
+                    copies[name][:, first : first + x.shape[1]] = x
             self._last = q.copy(), found
         return found
 

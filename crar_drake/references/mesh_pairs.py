@@ -1,8 +1,7 @@
-"""The meshes of a robot's links, which pairs of them can meet, and how far they are.
+"""The meshes of a robot's links, and which pairs of them can meet.
 
 Each link's mesh is given in the frame F of `robot.kinematics` that carries it, so that
-welded links share a pose. Distances are asked from below: of convex hulls where these
-are apart, else of the triangles.
+welded links share a pose.
 """
 
 from __future__ import annotations

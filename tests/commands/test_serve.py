@@ -189,14 +189,6 @@ def test_the_defaults_are_those_of_the_gate():
     assert Gate(**{name: default for name, (_, default, _) in GATE.items()}) == Gate()
 
 
-def test_what_cannot_be_served(capsys):
-    assert main(["serve", "--port", "99999", "--duration", "1"]) == 2
-    assert "99999 must be from 0 to 65535" in capsys.readouterr().err
-    assert main(["serve", "--speed", "-1"]) == 2
-    assert main(["serve", "no_such"]) == 2
-    assert "no scenario 'no_such'" in capsys.readouterr().err
-
-
 def test_a_start_posture_that_is_none(tmp_path, capsys):
     file = tmp_path / "start.json"
     wrong = {

@@ -286,14 +286,6 @@ def test_a_law_that_keeps_the_invariant_passes(attack, monkeypatch):
     assert any(held_back) or attack == "wild"  # the attack was one
 
 
-def test_a_case_gives_the_same_figures_alone_and_again():
-    case = Case("jaw", "search", 0.02, steps=60)
-    first, second = run_case(case), run_case(case)
-    assert first.episodes == 4
-    first.wall = second.wall = 0.0
-    assert first == second
-
-
 def run(tmp_path, *more):
     return command.main(
         ["--robots", "jaw", "--attacks", "several", "--periods", "0.02,0.01"]

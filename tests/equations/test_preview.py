@@ -16,6 +16,7 @@ from crar_drake.equations.preview import (
     expected_motion,
     make_preview,
     plan_accelerations,
+    possible_motion,
     rows_ahead,
     shifted_plan,
     speed_rows,
@@ -285,6 +286,39 @@ def test_rows_are_how_distances_and_limits_change(model):
         assert row @ way.ravel() == pytest.approx(rate, abs=1e-6)
     for lack in expected:
         assert np.abs(missing - lack).min() < 1e-8
+
+
+def test_a_motion_that_no_robot_makes_is_not_believed(model):
+    """Of any plan: within the limits, or where the joint is now, and no faster."""
+    parameters = CrarParameters(lookahead=LookaheadParameters(preview=DURATION))
+    limits = ControlLaw(model, parameters).mode.numbers.value.limits.value
+    rng = np.random.default_rng(3)
+    for size in (1.0, 1e8):
+        q = model.rest_positions()[model.controlled_positions]
+        q[3] = model.upper[3] + 0.1  # beyond its limit
+        x = size * rng.normal(size=(N, model.n + 2))
+        possible = possible_motion(x, q, limits, 10.0, PREVIEW)
+        at = q + possible[:, : model.n]
+        assert (at <= np.maximum(model.upper, q) + 1e-12).all()
+        assert (at >= np.minimum(model.lower, q) - 1e-12).all()
+        speed = np.diff(possible[:, : model.n], axis=0, prepend=0.0)
+        since = PREVIEW.lengths + PERIOD * (np.arange(N) == 0)
+        assert (np.abs(speed) <= 10.0 * since[:, np.newaxis] + 1e-12).all()
+        np.testing.assert_array_equal(possible[:, model.n :], x[:, model.n :])
+    slow = 0.01 * rng.normal(size=(N, model.n))
+    bounded = np.isfinite(model.lower)
+    middle = np.zeros(model.n)
+    middle[bounded] = 0.5 * (model.lower[bounded] + model.upper[bounded])
+    np.testing.assert_array_equal(
+        possible_motion(slow, middle, limits, 10.0, PREVIEW), slow
+    )
+    # A joint that is beyond a limit may stay there.
+    still = np.zeros((N, model.n))
+    for beyond in (model.lower - 0.3, model.upper + 0.3):
+        q = np.where(bounded, beyond, 0.0)
+        np.testing.assert_array_equal(
+            possible_motion(still, q, limits, 10.0, PREVIEW), still
+        )
 
 
 def test_a_joint_that_would_be_too_fast_slows_no_other_down():

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from pydrake.geometry import Capsule, Role, SceneGraph, Sphere
+from pydrake.geometry import SceneGraph
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import JointActuatorIndex, RigidBody
@@ -161,14 +161,6 @@ def test_mass_matrix_is_positive_definite(robot: Loaded) -> None:
         mass_matrix = robot.plant.CalcMassMatrix(robot.context)
         # 1e-4 kg m^2 is a ball of 50 g and 70 mm: real, not rounding.
         assert np.linalg.eigvalsh(mass_matrix)[0] > 1e-4
-
-
-def test_collision_shapes_are_capsules_and_spheres(robot: Loaded) -> None:
-    inspector = robot.scene_graph.model_inspector()
-    geometries = inspector.GetAllGeometryIds(Role.kProximity)
-    assert geometries
-    for geometry in geometries:
-        assert isinstance(inspector.GetShape(geometry), (Capsule, Sphere))
 
 
 @pytest.mark.parametrize(

@@ -205,12 +205,6 @@ def test_two_things_welded_to_the_world_have_no_gradient():
     np.testing.assert_array_equal(state.dd_dq, np.zeros((1, 2)))
 
 
-def test_no_pairs_at_all():
-    model = make_model(chain_urdf("zz"))
-    state = model.evaluate(model.MakeWorkspace(), *random_state(model, 0))
-    assert state.d.shape == (0,) and state.dd_dq.shape == (0, 2)
-
-
 @pytest.mark.parametrize("time_step", [0.0, 1e-3])
 def test_inverse_dynamics_is_drakes(time_step):
     """Eq. (2), with gravity, against Drake's InverseDynamics system; a discrete

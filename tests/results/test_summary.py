@@ -275,7 +275,7 @@ def test_the_keys_of_the_json_are_stable():
         "balanced_steps changed_for_balance smallest_balance "
         "torque_limited_samples torque_clipped_samples braking_samples "
         "implausible_samples frame_rate frame_rate_source "
-        "motion_findings warnings wall_time real_time_factor arithmetic "
+        "motion_findings warnings wall_time real_time_factor "
         "stopped sliding_joints limb_directions obstacles stance remarks"
     )
     assert list(json.loads(summarize(small_log()).to_json())) == keys.split()

@@ -13,11 +13,35 @@ import numba
 from numba.core import event
 from numba.experimental import structref
 
-from crar_drake.equations.whole_programs import program as compiled
+from crar_drake.equations.kept_programs import Kept
+from crar_drake.equations.whole_programs import Program, ProgramCompiler
 
 COMPILING = "compiling for this computer, once: this takes some minutes"
 
 _REPORTED_EVERY = 5.0  # [s]
+
+
+def compiled(function: Callable) -> Program:
+    """Decorator: the function, compiled at its first call.
+
+    As by `numba.njit(error_model="numpy")`, but see `whole_programs`; and kept.
+
+    Args:
+        function: in the part of NumPy that Numba compiles, of the equations or of a
+            room that needs nothing but them and itself for it, see `kept_programs`.
+    """
+    made = Program(
+        function,
+        targetoptions={
+            "nopython": True,
+            "boundscheck": None,
+            "error_model": "numpy",
+            "no_cfunc_wrapper": True,
+        },
+        pipeline_class=ProgramCompiler,
+    )
+    made._cache = Kept(function)
+    return made
 
 
 @structref.register

@@ -17,7 +17,7 @@ import gc
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
 
@@ -28,7 +28,6 @@ from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
-from crar_drake.equations.kept_programs import Kept
 from crar_drake.files import WriteError, turn_to_write
 
 # Of the variables by which functions find what surrounds them in Python.
@@ -80,19 +79,13 @@ class Whole(JITCodeLibrary):
         super().finalize()
 
     def _optimize_final_module(self) -> None:
-        """In one go: the cheap one that Numba sends ahead gains nothing here.
-
-        And less than by default: of arrays of a dozen numbers to run their loops by
-        fours gains nothing that could be measured.
-        """
+        """In one go, and less than Numba does: on arrays of a dozen numbers more gains
+        nothing that could be measured."""
         passes, builder = self._codegen._module_pass_manager(
-            opt=OPT, loop_vectorize=False, slp_vectorize=False
+            opt=1, loop_vectorize=False, slp_vectorize=False
         )
         with self._recorded_timings.record("Module passes", builder):
             passes.run(self._final_module, builder)
-
-
-OPT = 1
 
 
 def _link(libraries: list, module: binding.ModuleRef) -> None:
@@ -177,21 +170,6 @@ def _undisturbed() -> Iterator[None]:
             signal.raise_signal(waiting[0])
 
 
-@contextmanager
-def _seldom_collecting() -> Iterator[None]:
-    """Lets Python look for garbage less often.
-
-    Compiling makes millions of objects that stay for long, and to go through all of
-    them again and again takes longer than all the rest.
-    """
-    usual = gc.get_threshold()
-    gc.set_threshold(100_000, 50, 1000)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*usual)
-
-
 class Program(CPUDispatcher):
     """What stands for a function: compiled where it is called from Python, its part
     where it is called by another one."""
@@ -202,7 +180,10 @@ class Program(CPUDispatcher):
         with ExitStack() as stack:
             stack.enter_context(_undisturbed())
             stack.enter_context(global_compiler_lock)
-            stack.enter_context(_seldom_collecting())
+            # Compiling makes millions of objects that stay for long: to go through all
+            # of them again and again takes longer than all the rest.
+            stack.callback(gc.set_threshold, *gc.get_threshold())
+            gc.set_threshold(100_000, 50, 1000)
             # Where nothing can be written, nobody has to wait.
             with suppress(WriteError):
                 stack.enter_context(turn_to_write(self._cache.cache_path))
@@ -219,19 +200,3 @@ class Program(CPUDispatcher):
     @property
     def _numba_type_(self) -> types.Dispatcher:
         return types.Dispatcher(self.part)
-
-
-def program(function: Callable) -> Program:
-    """`numba.njit(function, error_model="numpy")`, as a `Program` that is kept."""
-    made = Program(
-        function,
-        targetoptions={
-            "nopython": True,
-            "boundscheck": None,
-            "error_model": "numpy",
-            "no_cfunc_wrapper": True,
-        },
-        pipeline_class=ProgramCompiler,
-    )
-    made._cache = Kept(function)
-    return made

@@ -12,6 +12,7 @@ lies, and trusts what it reads.
 import hashlib
 import logging
 import pickle
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -37,7 +38,7 @@ _SAID: set[Path] = set()  # folders of which it was said that nothing is kept th
 def cache_folder(room: Path) -> Path:
     """Where the compiled functions of a room are kept: another folder for other sources
     of the room and of the equations, of which alone they are made; and for another
-    Numba.
+    Numba or Python.
 
     In the user's cache, or in NUMBA_CACHE_DIR where that is set. A new folder in the
     user's cache takes the places of those that nobody used for long. All copies of the
@@ -45,7 +46,8 @@ def cache_folder(room: Path) -> Path:
     """
     theirs = numba.config.CACHE_DIR
     sources = SOURCES if room == _EQUATIONS else [*SOURCES, *sorted(room.glob("*.py"))]
-    name = f"{room.name}-{numba.__version__}-{digest_of(sources)[:16]}"
+    by = f"{numba.__version__}-{sys.implementation.cache_tag}"
+    name = f"{room.name}-{by}-{digest_of(sources)[:16]}"
     folder = (Path(theirs) if theirs else cached("compiled")) / name
     if folder.is_dir():
         mark_used(folder)

@@ -55,7 +55,7 @@ def hull_corners(hulls: Sequence[tuple[np.ndarray, np.ndarray]]) -> Held:
     return hold(HullCorners(points, first, other, edges))
 
 
-@compiled(loops=True)
+@compiled
 def farthest(hulls: HullCorners, start: int, x: float, y: float, z: float) -> int:
     """The corner that is farthest along (x, y, z), from another of its hull."""
     points, best = hulls.points, start
@@ -71,7 +71,7 @@ def farthest(hulls: HullCorners, start: int, x: float, y: float, z: float) -> in
             return best
 
 
-@compiled(loops=True)
+@compiled
 def hull_gaps(
     pairs: np.ndarray, R: np.ndarray, p: np.ndarray, corners: Held
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake.equations.compilation import SOURCES
+from crar_drake.equations.kept_programs import SOURCES
 from crar_drake.errors import WriteError
 from crar_drake.files import whole_file
 from crar_drake.kept_files import digest_of, mark_used, remove_unused

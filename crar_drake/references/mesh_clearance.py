@@ -298,7 +298,7 @@ class ClearanceOfMeshes:
         return steps[:, joints.frame_of_velocity]
 
 
-@compiled(loops=True)
+@compiled
 def swept(
     R: np.ndarray,
     p: np.ndarray,

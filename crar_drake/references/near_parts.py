@@ -79,7 +79,7 @@ def _balls(corners: np.ndarray, starts: np.ndarray) -> np.ndarray:
     return np.column_stack([centres, radii])
 
 
-@compiled(loops=True)
+@compiled
 def place_balls(
     balls: np.ndarray, some: np.ndarray, R: np.ndarray, p: np.ndarray
 ) -> np.ndarray:
@@ -96,7 +96,7 @@ def place_balls(
     return placed
 
 
-@compiled(loops=True)
+@compiled
 def are_near(
     a: np.ndarray, i: int, radius: float, b: np.ndarray, j: int, nearer: float
 ) -> bool:
@@ -119,7 +119,7 @@ def are_near(
     return True
 
 
-@compiled(loops=True)
+@compiled
 def near_box(
     balls: np.ndarray,
     placed: np.ndarray,
@@ -158,7 +158,7 @@ def near_box(
     return found[:count]
 
 
-@compiled(loops=True)
+@compiled
 def near_ball(
     balls: np.ndarray,
     placed: np.ndarray,
@@ -180,7 +180,7 @@ def near_ball(
     return count
 
 
-@compiled(loops=True)
+@compiled
 def swept_by(
     balls: np.ndarray,
     near: np.ndarray,
@@ -227,7 +227,7 @@ def swept_by(
     return swept
 
 
-@compiled(loops=True)
+@compiled
 def near_approach(
     R: np.ndarray,
     p: np.ndarray,

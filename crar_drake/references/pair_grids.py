@@ -114,13 +114,13 @@ class PairGrid:
         return np.array([self._known[place] for place in asked])
 
 
-@compiled(loops=True)
+@compiled
 def key_of(i: int, j: int, level: int) -> int:
     """The number of a cell: along the first joint, the second one, and its level."""
     return (level * _COLUMNS + i + _MIDDLE) * _COLUMNS + j + _MIDDLE
 
 
-@compiled(loops=True)
+@compiled
 def interpolated(
     at: np.ndarray,
     edges: np.ndarray,

@@ -282,7 +282,7 @@ class PairTable:
         return np.minimum(found[0], box["rho"])
 
 
-@compiled(loops=True)
+@compiled
 def through_boxes(
     start: np.ndarray,
     end: np.ndarray,

@@ -16,7 +16,6 @@ from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import InputError
 from crar_drake.equations.admission import SCALED
-from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.equations.lookahead import lookahead_or_scaled
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.description import load_robot_description
@@ -86,7 +85,6 @@ def at(model: ControlModel, q, v=None):
     )
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
 def test_nothing_is_compiled_but_once(planar):
     """Neither for another number of tasks, nor for arguments that are read-only."""
     ControlLaw(planar).compile()

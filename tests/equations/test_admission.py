@@ -1,8 +1,5 @@
 """The admission: each of its bounds holds, by dense samples, and is of use."""
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -30,10 +27,6 @@ from small_robots import CAPSULE, add_plant, chain_urdf, make_model
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations import (
-    lookahead,
-    lookahead_guard,
-)
 from crar_drake.equations.admission import (
     AS_NOMINAL,
     CORRECTED,
@@ -53,7 +46,7 @@ from crar_drake.equations.admission import (
     velocity_bounds,
 )
 from crar_drake.equations.capsule_distances import CapsuleSizes, ShapePairs
-from crar_drake.equations.compilation import IS_COMPILED, hold
+from crar_drake.equations.compilation import hold
 from crar_drake.equations.hull_distances import no_hulls
 from crar_drake.equations.lookahead_guard import admit
 from crar_drake.equations.lookahead_rows import Constraints
@@ -757,66 +750,6 @@ def test_admission_alone_keeps_states_clear(case: str) -> None:
         ways = set(run.how[:, 0])
         assert {AS_NOMINAL, CORRECTED} <= ways
         assert SCALED in ways or "arm" in case
-
-
-def forget_limits(q, v, lower, upper, fastest, *rest):
-    return velocity_bounds(q, v, lower - 1e3, upper + 1e3, fastest, *rest)
-
-
-def forget_pairs(*arguments):
-    return check_step(*arguments)._replace(clear=True)
-
-
-def forget_to_scale(*arguments):
-    return 1.0, 0.0
-
-
-def forget_a_pair(q, v, s, present, *rest):
-    checked = check_step(q, v, s, present, *rest)
-    return checked._replace(clear=bool((checked.bounds.at[2:] < 0.0).all()))
-
-
-def replace_function(monkeypatch, name: str, by) -> None:
-    """Wherever the mode's equations call it."""
-    for module in (lookahead, lookahead_guard):
-        if hasattr(module, name):
-            monkeypatch.setattr(module, name, by)
-
-
-@pytest.mark.skipif(not IS_COMPILED, reason="they run by themselves")
-def test_what_replaces_functions_passes_where_nothing_is_compiled() -> None:
-    """Those that are skipped here."""
-    run = subprocess.run(
-        [sys.executable, "-m", "pytest", "-k", "forgotten", __file__],
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-        capture_output=True,
-        text=True,
-    )
-    assert run.returncode == 0, run.stdout
-    assert "6 passed" in run.stdout
-
-
-@pytest.mark.skipif(IS_COMPILED, reason="compiled functions cannot be replaced")
-@pytest.mark.parametrize(
-    "function, sabotage, case",
-    [
-        ("velocity_bounds", forget_limits, "narrow, 5 ms"),
-        ("velocity_bounds", forget_limits, "upper body, 20 ms"),
-        ("check_step", forget_pairs, "upper body, 20 ms"),
-        ("check_step", forget_pairs, "rail, 10 ms"),
-        ("check_step", forget_a_pair, "rail, 10 ms"),
-        ("scale_step", forget_to_scale, "upper body, 20 ms"),
-    ],
-)
-def test_a_forgotten_constraint_is_noticed(
-    monkeypatch, function: str, sabotage, case: str
-) -> None:
-    replace_function(monkeypatch, function, sabotage)
-    make, period = CASES[case]
-    run = Run(make(), period).by_admission_alone(starts=3, steps=6)
-    assert (run.excess if function == "velocity_bounds" else run.short) > 1e-4
-    with pytest.raises(AssertionError):
-        assert_nothing_was_violated(run)
 
 
 @pytest.mark.parametrize("case", ["upper body, 20 ms", "arm, 10 ms", "rail, 10 ms"])

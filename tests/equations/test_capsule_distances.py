@@ -4,15 +4,10 @@ The pairs are 100,000, of every kind that closed forms trip over. The referee is
 separate, plain implementation, one pair at a time.
 """
 
-import importlib.util
-from unittest import mock
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from crar_drake.equations import capsule_distances as module
-from crar_drake.equations import compilation
 from crar_drake.equations.capsule_distances import (
     ShapePairs,
     capsule_distances,
@@ -131,19 +126,10 @@ def pairs() -> tuple[np.ndarray, ...]:
     return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
-@pytest.fixture(scope="module", params=["as called", "the other form"])
-def results(request, pairs) -> tuple[np.ndarray, ...]:
-    """As the equations find them; and where these are compiled from loops by NumPy's
-    form, else by the loops."""
-    if request.param == "as called":
-        return capsule_distances(*pairs)
-    spec = importlib.util.spec_from_file_location("plain_distances", module.__file__)
-    plain = importlib.util.module_from_spec(spec)
-    with mock.patch.object(compilation, "IS_COMPILED", False):
-        spec.loader.exec_module(plain)
-    if not compilation.IS_COMPILED:
-        plain.nearest_points = plain._nearest_points_loops
-    return plain.capsule_distances(*pairs)
+@pytest.fixture(scope="module")
+def results(pairs) -> tuple[np.ndarray, ...]:
+    """As the equations find them."""
+    return capsule_distances(*pairs)
 
 
 @pytest.fixture(scope="module")

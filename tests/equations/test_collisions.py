@@ -6,7 +6,6 @@ Elsewhere they are compared in `tests/acceptance/test_paper_law.py`.
 import numpy as np
 import pytest
 
-from crar_drake.equations import collisions
 from crar_drake.equations.collisions import (
     collision_gradient,
     collision_potential_slope,
@@ -34,12 +33,7 @@ def test_slope_is_finite_negative_and_monotone():
     assert (np.diff(slope) >= 0.0).all()
 
 
-@pytest.mark.parametrize(
-    "gradient",
-    [distance_gradient_about_origin, collisions._distance_gradient_loops],
-    ids=["as called", "loops"],
-)
-def test_distance_gradient_about_origin_is_that_of_the_witness_points(gradient):
+def test_distance_gradient_about_origin_is_that_of_the_witness_points():
     """Each point's Jacobian, column by column: J_v + J_omega x p, for witness points
     at different places of the line, each on its own link; two configurations."""
     rng = np.random.default_rng(4)
@@ -59,7 +53,7 @@ def test_distance_gradient_about_origin_is_that_of_the_witness_points(gradient):
     moves = carries_a - carries_b
     for point in (p_a.reshape(-1, 3), p_b.reshape(-1, 3)):
         np.testing.assert_allclose(
-            gradient(normal.reshape(-1, 3), point, S, moves),
+            distance_gradient_about_origin(normal.reshape(-1, 3), point, S, moves),
             expected,
             atol=1e-13,
         )

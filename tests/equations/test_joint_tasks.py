@@ -7,8 +7,6 @@ from small_robots import chain_urdf, make_model, random_state
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations import kinematics
-from crar_drake.equations.kinematics import task_jacobian
 from crar_drake.errors import ModelError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, joint_tasks
@@ -42,7 +40,7 @@ def consistent(model: ControlModel, seed: int):
 
 
 def test_the_rows_of_other_tasks_are_those_without_joints(model):
-    """Of the tasks before and after them; both ways to the Jacobian."""
+    """Of the tasks before and after them."""
     q, v = random_state(model, 4)
     others = make_model(chain_urdf("zxyz"), [x for x in TASKS if x.kind != "joint"])
     state, alone = (m.evaluate(m.MakeWorkspace(), q, v) for m in (model, others))
@@ -50,13 +48,6 @@ def test_the_rows_of_other_tasks_are_those_without_joints(model):
     np.testing.assert_array_equal(state.J[rows], alone.J)
     np.testing.assert_array_equal(state.Jdot_qdot[rows], alone.Jdot_qdot)
     assert (np.abs(alone.J).max(axis=1) > 0.1).sum() > 7
-    rng, tasks = np.random.default_rng(5), model.robot_by_pair.value.tasks.value
-    p, S = rng.normal(size=(len(tasks.carries), 3)), rng.normal(size=(6, 4))
-    np.testing.assert_allclose(
-        kinematics._task_jacobian_loops(p, S, tasks),
-        task_jacobian(p, S, tasks),
-        atol=1e-14,
-    )
 
 
 @pytest.mark.parametrize("constraints", ["none", "paper", "lookahead"])

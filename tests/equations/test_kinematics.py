@@ -12,16 +12,17 @@ from pydrake.multibody.tree import (
     SpatialInertia,
 )
 
-from crar_drake.equations import kinematics
-from crar_drake.equations.kinematics import joint_motion, link_poses, place_points
+from crar_drake.equations.kinematics import (
+    join_joints,
+    joint_motion,
+    link_poses,
+    place_points,
+)
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
-
-# Both bodies of each function: of NumPy, or what is compiled in its place; and loops.
-POSES = [link_poses, kinematics._link_poses_loops]
 
 
 def plant_of(robot: str) -> MultibodyPlant:
@@ -42,13 +43,11 @@ def configurations(plant: MultibodyPlant) -> np.ndarray:
     return np.random.default_rng(0).uniform(-5.0, 5.0, (20, plant.num_positions()))
 
 
-@pytest.mark.parametrize("poses", POSES, ids=["as called", "loops"])
-def test_link_poses_are_drakes(plant: MultibodyPlant, poses) -> None:
+def test_link_poses_are_drakes(plant: MultibodyPlant) -> None:
     joints, context = JointTree(plant), plant.CreateDefaultContext()
     configured = configurations(plant)
-    X = poses(configured, joints.tree, joints.tree.every).reshape(
-        len(configured), -1, 4, 3
-    )
+    X = link_poses(configured, joints.tree, joints.tree.every)
+    X = X.reshape(len(configured), -1, 4, 3)
     for q, X_WL in zip(configured, X, strict=True):
         plant.SetPositions(context, q)
         for i in range(plant.num_bodies()):
@@ -112,7 +111,5 @@ def test_joints_whose_velocities_are_no_rates_are_refused(kind: str) -> None:
 def test_joined_accelerations_are_in_the_plants_order() -> None:
     """Those of the controlled joints first, wherever these are in the plant."""
     order = np.array([3, 0, 4, 2, 1])
-    found = kinematics.join_joints(
-        np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0]), order
-    )
+    found = join_joints(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0]), order)
     np.testing.assert_array_equal(found, [2.0, 5.0, 4.0, 1.0, 3.0])

@@ -28,9 +28,9 @@ test: $(TESTED)  ## all tests; CRAR_MOCAP_PATH names the folder of real CMU file
 test-long: $(TESTED)  ## what `make test` does in a shorter form only
 	$(BIN)/python -m pytest -n auto --dist loadfile -m long $(TESTS)
 
-# Without Numba, in an environment of its own. Python 3.11 is the lowest, too, and later
-# ones lack some of these versions. MuJoCo 3 rounds inertias to 1e-8 kg m², which the
-# test that is left out does not allow.
+# In an environment of its own. Python 3.11 is the lowest, too, and later ones lack some
+# of these versions. MuJoCo 3 rounds inertias to 1e-8 kg m², which the test that is left
+# out does not allow.
 LOWEST_PYTHON ?= python3.11
 LOWEST := $(VENV)-lowest
 LOWEST_TESTS ?= tests/models tests/robot tests/motion/test_builtin_motions.py \
@@ -64,7 +64,7 @@ lint: $(TESTED)
 $(RUNS): pyproject.toml | python
 	rm -f $(VENV)/.runs-* $(VENV)/.tests-* $(VENV)/.docs-*
 	$(PYTHON) -m venv $(CLEAR) $(VENV)
-	$(INSTALL) -e ".[compiled]"
+	$(INSTALL) -e .
 	touch $@
 
 $(TESTED): $(RUNS)

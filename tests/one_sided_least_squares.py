@@ -1,6 +1,4 @@
-"""One-sided least squares by other methods than the product's Newton steps."""
-
-from itertools import product
+"""One-sided least squares by another method than the product's Newton steps."""
 
 import numpy as np
 from scipy.optimize import nnls
@@ -37,17 +35,3 @@ def one_sided_least_squares(
             break
         violated = now
     return x, violated
-
-
-def every_consistent_minimum(
-    A: np.ndarray, b: np.ndarray, G: np.ndarray, w: np.ndarray
-) -> list[np.ndarray]:
-    """The minima of all sets of rows at which just these rows are violated, of a few
-    rows."""
-    found = []
-    for chosen in product([False, True], repeat=len(w)):
-        some = np.array(chosen, dtype=bool)
-        x = np.linalg.lstsq(np.vstack([A, G[some]]), np.concatenate([b, w[some]]))[0]
-        if ((G @ x < w) == some).all():
-            found.append(x)
-    return found

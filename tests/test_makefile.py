@@ -24,7 +24,7 @@ def make(*arguments: str) -> subprocess.CompletedProcess:
 def test_a_run_does_not_install_what_the_tests_need(tmp_path):
     options = (f"PYTHON={sys.executable}", f"VENV={tmp_path / 'environment'}")
     run = make("--dry-run", "run", *options).stdout
-    assert "[compiled]" in run and "[dev]" not in run
+    assert " -e .\n" in run and "[dev]" not in run
     test = make("--dry-run", "test", *options, "TESTS=-k one").stdout
     assert "[dev]" in test and " -m pytest " in test
     assert test.rstrip().endswith(" -k one")

@@ -3,13 +3,10 @@
 import argparse
 import gc
 import json
-import os
 import re
 import resource
 import shutil
 import signal
-import subprocess
-import sys
 import threading
 from contextlib import contextmanager
 from pathlib import Path
@@ -158,16 +155,6 @@ def test_an_error_in_the_first_sample_leaves_all_as_it_was(any_it, monkeypatch, 
     assert contents(any_it) == before
 
 
-def test_a_run_without_a_folder_raises_what_it_was(monkeypatch):
-    def fail():
-        raise InputError("desired_tasks is NaN")
-
-    in_the_middle(monkeypatch, fail)
-    with pytest.raises(InputError) as caught:
-        run_scenario(scenario())
-    assert type(caught.value) is InputError
-
-
 # --- Ctrl-C -----------------------------------------------------------------------
 
 
@@ -306,40 +293,6 @@ def test_the_callers_of_a_library_get_the_part(tmp_path, monkeypatch, interrupti
     assert sorted(path.name for path in result.files) == names(tmp_path)
 
 
-SLOW = """
-import sys
-from crar_drake import run
-from crar_drake.commands import main
-simulate = run._simulate
-def tell_and_simulate(*arguments):
-    print("simulating", flush=True)
-    simulate(*arguments)
-run._simulate = tell_and_simulate
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-def test_ctrl_c_of_the_real_command(tmp_path):
-    process = subprocess.Popen(
-        [sys.executable, "-c", SLOW, *"run dance --out it --no-recording".split()],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        # A background job may ignore SIGINT, and so would its child.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )
-    assert process.stdout.readline() == "simulating\n"
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=WAIT)
-    assert process.returncode == 130, err
-    assert "Traceback" not in err
-    assert re.search(r"crar-drake: interrupted at \d\.\d+ s of [\d.]+ s; it holds", err)
-    log = SimulationLog.load(tmp_path / "it/log.npz")
-    assert f"interrupted at {log.time[-1]:.3f} s" in err
-    assert names(tmp_path / "it") == ["log.npz", "plot.png", "summary.json"]
-
-
 # --- a full disk ------------------------------------------------------------------
 
 
@@ -408,43 +361,6 @@ def test_a_defect_of_a_writer_leaves_no_older_file(it, monkeypatch):
     with pytest.raises(ZeroDivisionError):
         main(RUN)
     assert names(it) == ["log.npz", "summary.json"]
-
-
-MOUNTED = """
-set -e
-mount -t tmpfs -o size={size}k tmpfs {folder}
-code=0
-{python} -m crar_drake run dance_wrists --duration 0.2 --out {folder}/it || code=$?
-cp -r {folder}/it {copy} || true
-ls -A {folder}
-exit $code
-"""
-
-
-def test_a_disk_that_is_full(tmp_path):
-    """A real small file system, in a mount namespace that ends with the command."""
-    unshare = shutil.which("unshare")
-    # Root needs no user namespace, which may be forbidden.
-    enter = [unshare, "-m" if os.geteuid() == 0 else "-rm"]
-    (tmp_path / "disk").mkdir()
-    probe = f"mount -t tmpfs -o size=100k tmpfs {tmp_path}/disk"
-    if not unshare or subprocess.run([*enter, "sh", "-c", probe]).returncode:
-        pytest.skip("file systems may not be mounted here")
-    script = MOUNTED.format(
-        size=_SMALLER_THAN_A_PAGE // 1024,
-        folder=tmp_path / "disk",
-        copy=tmp_path / "copy",
-        python=sys.executable,
-    )
-    result = subprocess.run(
-        [*enter, "sh", "-c", script], capture_output=True, text=True, timeout=WAIT
-    )
-    assert result.returncode == 2, result.stderr
-    assert "No space left on device" in result.stderr
-    assert "Traceback" not in result.stderr
-    assert names(tmp_path / "copy") == ["log.npz", "plot.png", "summary.json"]
-    assert len(SimulationLog.load(tmp_path / "copy/log.npz").time) == 201
-    assert "it/recording.html: could not be written" in result.stderr
 
 
 # --- what is too long -------------------------------------------------------------

@@ -5,20 +5,16 @@ import sys
 
 EXTRAS = (
     *("fcl", "coal", "trimesh", "collada", "networkx", "fast_simplification", "mujoco"),
-    *("example_robot_data", "ezc3d", "numba", "torch", "joblib"),
+    *("example_robot_data", "ezc3d", "torch", "joblib"),
 )
-# Of a process that reads C3D files, and what is imported if Numba is there.
-NOT_WITHOUT = (
-    "crar_drake.motion.formats.ezc3d_child",
-    "crar_drake.equations.kept_programs",
-    "crar_drake.equations.whole_programs",
-)
+# Of a process that reads C3D files.
+NOT_WITHOUT = "crar_drake.motion.formats.ezc3d_child"
 IMPORT_ALL = f"""
 import importlib, pkgutil, sys
 sys.modules.update(dict.fromkeys({EXTRAS!r}))  # none can be imported
 import crar_drake
 for module in pkgutil.walk_packages(crar_drake.__path__, "crar_drake."):
-    if not module.name.endswith("__main__") and module.name not in {NOT_WITHOUT!r}:
+    if not module.name.endswith("__main__") and module.name != {NOT_WITHOUT!r}:
         importlib.import_module(module.name)
 """
 

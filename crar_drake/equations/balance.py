@@ -69,7 +69,7 @@ class Bends(NamedTuple):
     force: float  # [N]
 
 
-@compiled(loops=True)
+@compiled
 def bends(
     q: np.ndarray,
     x: np.ndarray,
@@ -229,7 +229,7 @@ def examine_step(
     return _largest(q, v, a, False, bend, level, close, law)
 
 
-@compiled(loops=True)
+@compiled
 def _largest(
     q: np.ndarray,
     x: np.ndarray,
@@ -289,7 +289,7 @@ def _largest(
     return Balanced(values, seen, at, share, braked)
 
 
-@compiled(loops=True)
+@compiled
 def _look(
     q: np.ndarray,
     x: np.ndarray,
@@ -411,7 +411,7 @@ def balance_excess(
     return max(way, (path.values - level).max())
 
 
-@compiled(loops=True)
+@compiled
 def balance_rows(
     q: np.ndarray,
     v: np.ndarray,
@@ -505,7 +505,7 @@ def balance_rows(
     return excess, g, b
 
 
-@compiled(loops=True)
+@compiled
 def _project(row: np.ndarray, change: np.ndarray, g: np.ndarray) -> None:
     """Writes how a face's value (6,) changes where the wrench does by (n, 6), (n,)."""
     for j in range(len(g)):

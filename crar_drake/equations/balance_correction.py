@@ -43,7 +43,7 @@ def correction_norm(q: np.ndarray, damping: float, robot: Held) -> np.ndarray:
     return cholesky(norm * (n / trace))
 
 
-@compiled(loops=True)
+@compiled
 def nearest_balanced(
     root: np.ndarray,
     wanted: np.ndarray,

@@ -15,7 +15,7 @@ import numpy as np
 
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.hull_distances import hull_distance, no_hulls
-from crar_drake.equations.vectors import clip_to_unit, cross_rows, dot_rows, smallest
+from crar_drake.equations.vectors import cross, dot, smallest
 
 # Below this sin^2 of the angle between two axes, cancellation spoils the plain
 # formula for their nearest points: by 4e-9 m at 5e-8 rad where arms cross.
@@ -93,7 +93,36 @@ class ShapePairs(NamedTuple):
     hulls: Held  # of `Hulls`
 
 
-def _nearest_points_loops(at, pairs, some):
+@compiled
+def _to_unit(x):
+    """x limited to [0, 1]; NaN stays."""
+    return 0.0 if x < 0.0 else (1.0 if x > 1.0 else x)
+
+
+@compiled
+def nearest_points(
+    at: np.ndarray, pairs: ShapePairs, some: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Distances, normals and witness points of N pairs of capsules or hulls.
+
+    The signed distance is that of the axes less both radii: exact outside, and
+    inside the depth along the line between the axes' nearest points. Of parallel
+    axes that face each other the witness points are in the middle of the overlap.
+    Where the axes meet, the normal is perpendicular to both. Above a half space it is
+    the height of the sphere's centre less its radius, and the normal is the half
+    space's, everywhere. A hull takes the place of an axis, see `hull_distance`.
+
+    Args:
+        at: (K P, 3) points, where the axes start [m] and from there to their ends
+            among them [m].
+        some: (N,) which of the pairs.
+
+    Returns:
+        (N,) signed distance [m]; (N, 3) unit normal from b towards a; (N, 3)
+        witness points on the axis of a and (N, 3) on that of b [m]. The distance's
+        gradient is the same at the axis as at the surface, since the offset between
+        them is along the normal.
+    """
     count = len(some)
     sizes, hulls = pairs.sizes, pairs.hulls.value
     d, normal = np.empty(count), np.empty((count, 3))
@@ -130,9 +159,9 @@ def _nearest_points_loops(at, pairs, some):
         determinant = sizes.uu_vv[of] - uv * uv
         if determinant < _NEARLY_PARALLEL * sizes.uu_vv[of]:
             s = _along_nearly_parallel(
-                np.array([[u_0, u_1, u_2]]),
-                np.array([[v_0, v_1, v_2]]),
-                np.array([[r_0, r_1, r_2]]),
+                np.array([u_0, u_1, u_2]),
+                np.array([v_0, v_1, v_2]),
+                np.array([r_0, r_1, r_2]),
                 sizes.uu[of],
                 sizes.vv[of],
             )
@@ -145,7 +174,7 @@ def _nearest_points_loops(at, pairs, some):
         n_0, n_1, n_2 = x_0 - y_0, x_1 - y_1, x_2 - y_2
         axis_distance = np.sqrt(n_0 * n_0 + n_1 * n_1 + n_2 * n_2)
         if axis_distance < _TOUCHING:
-            n = _perpendicular(np.array([[u_0, u_1, u_2]]), np.array([[v_0, v_1, v_2]]))
+            n = _perpendicular(np.array([u_0, u_1, u_2]), np.array([v_0, v_1, v_2]))
             n_0, n_1, n_2 = n[0], n[1], n[2]
         else:
             n_0, n_1, n_2 = (
@@ -167,96 +196,15 @@ def _nearest_points_loops(at, pairs, some):
 
 
 @compiled
-def _to_unit(x):
-    """`clip_to_unit` of a number; NaN stays."""
-    return 0.0 if x < 0.0 else (1.0 if x > 1.0 else x)
-
-
-@compiled(loops=_nearest_points_loops)
-def nearest_points(
-    at: np.ndarray, pairs: ShapePairs, some: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distances, normals and witness points of N pairs of capsules or hulls.
-
-    The signed distance is that of the axes less both radii: exact outside, and
-    inside the depth along the line between the axes' nearest points. Of parallel
-    axes that face each other the witness points are in the middle of the overlap.
-    Where the axes meet, the normal is perpendicular to both. Above a half space it is
-    the height of the sphere's centre less its radius, and the normal is the half
-    space's, everywhere. A hull takes the place of an axis, see `hull_distance`.
-
-    Args:
-        at: (K P, 3) points, where the axes start [m] and from there to their ends
-            among them [m].
-        some: (N,) which of the pairs.
-
-    Returns:
-        (N,) signed distance [m]; (N, 3) unit normal from b towards a; (N, 3)
-        witness points on the axis of a and (N, 3) on that of b [m]. The distance's
-        gradient is the same at the axis as at the surface, since the offset between
-        them is along the normal.
-    """
-    p_a, u = at[pairs.start_a[some]], at[pairs.vector_a[some]]
-    p_b, v = at[pairs.start_b[some]], at[pairs.vector_b[some]]
-    sizes = CapsuleSizes(*(x[some] for x in pairs.sizes))
-    r = p_a - p_b
-    uv, ur, vr = dot_rows(u, v), dot_rows(u, r), dot_rows(v, r)
-    # Nearest point of the infinite lines, as a fraction of axis a: Cramer's rule.
-    determinant = sizes.uu_vv - uv * uv
-    close = determinant < _NEARLY_PARALLEL * sizes.uu_vv
-    any_close = close.any()
-    if any_close:
-        determinant = np.where(close, 1.0, determinant)
-    s = (uv * vr - ur * sizes.vv) / determinant
-    if any_close:
-        for i in np.flatnonzero(close):
-            s[i] = _along_nearly_parallel(
-                u[i : i + 1], v[i : i + 1], r[i : i + 1], sizes.uu[i], sizes.vv[i]
-            )
-    # Best t for this s; limited, and then the best s for that t.
-    t = clip_to_unit((uv * clip_to_unit(s) + vr) * sizes.per_vv)
-    s = clip_to_unit((uv * t - ur) * sizes.per_uu)
-
-    nearest_a = p_a + s[:, np.newaxis] * u
-    nearest_b = p_b + t[:, np.newaxis] * v
-    difference = nearest_a - nearest_b
-    axis_distance = np.sqrt(dot_rows(difference, difference))
-    touching = axis_distance < _TOUCHING
-    if touching.any():
-        normal = difference / np.where(touching, 1.0, axis_distance)[:, np.newaxis]
-        for i in np.flatnonzero(touching):
-            n = _perpendicular(u[i : i + 1], v[i : i + 1])
-            normal[i, 0], normal[i, 1], normal[i, 2] = n[0], n[1], n[2]
-    else:
-        normal = difference / axis_distance[:, np.newaxis]
-    if sizes.flat.any():
-        for i in np.flatnonzero(sizes.flat):
-            height = -dot_rows(v[i : i + 1], r[i : i + 1])[0] * np.sqrt(sizes.per_vv[i])
-            axis_distance[i] = height
-            for k in range(3):
-                normal[i, k] = -v[i, k] * np.sqrt(sizes.per_vv[i])
-                nearest_b[i, k] = p_a[i, k] - height * normal[i, k]
-    hull_a, hull_b = pairs.hull_a[some], pairs.hull_b[some]
-    for i in np.flatnonzero((hull_a >= 0) | (hull_b >= 0)):
-        a, b = pairs.start_a[some[i]], pairs.start_b[some[i]]
-        along_a, along_b = pairs.vector_a[some[i]], pairs.vector_b[some[i]]
-        axis_distance[i], normal[i], nearest_a[i] = hull_distance(
-            at, a, along_a, hull_a[i], b, along_b, hull_b[i], pairs.hulls.value
-        )
-        nearest_b[i] = nearest_a[i] - axis_distance[i] * normal[i]
-    return axis_distance - sizes.radii, normal, nearest_a, nearest_b
-
-
-@compiled
 def _along_nearly_parallel(u, v, r, uu, vv):
-    """s without cancellation, of one pair: u, v, r (1, 3)."""
-    cross = cross_rows(u, v)
-    determinant = dot_rows(cross, cross)[0]
+    """s without cancellation, of one pair: u, v, r (3,)."""
+    normal = cross(u, v)
+    determinant = dot(normal, normal)
     if determinant > _PARALLEL * uu * vv:
-        return dot_rows(cross_rows(v, r), cross)[0] / determinant
+        return dot(cross(v, r), normal) / determinant
     # The ends of b as fractions of a bound the overlap; take its middle.
-    end_0 = -dot_rows(u, r)[0] / uu
-    end_1 = end_0 + dot_rows(u, v)[0] / uu
+    end_0 = -dot(u, r) / uu
+    end_1 = end_0 + dot(u, v) / uu
     low = min(max(min(end_0, end_1), 0.0), 1.0)
     high = min(max(max(end_0, end_1), 0.0), 1.0)
     return 0.5 * (low + high)
@@ -264,23 +212,21 @@ def _along_nearly_parallel(u, v, r, uu, vv):
 
 @compiled
 def _perpendicular(u, v):
-    """A unit vector (3,) perpendicular to both u and v (1, 3), as far as they have
+    """A unit vector (3,) perpendicular to both u and v (3,), as far as they have
     directions."""
-    normal = cross_rows(u, v)
-    uu, vv = dot_rows(u, u)[0], dot_rows(v, v)[0]
-    if uu * vv == 0.0 or np.sqrt(dot_rows(normal, normal)[0]) <= 1e-9 * np.sqrt(
-        uu * vv
-    ):
+    normal = cross(u, v)
+    uu, vv = dot(u, u), dot(v, v)
+    if uu * vv == 0.0 or np.sqrt(dot(normal, normal)) <= 1e-9 * np.sqrt(uu * vv):
         along = u if uu > 0.0 else v
-        normal = np.zeros((1, 3))
+        normal = np.zeros(3)
         least = 0
         for k in range(1, 3):
-            if abs(along[0, k]) < abs(along[0, least]):
+            if abs(along[k]) < abs(along[least]):
                 least = k
-        normal[0, least] = 1.0
+        normal[least] = 1.0
         if uu > 0.0 or vv > 0.0:
-            normal = cross_rows(along, normal)
-    return normal[0] / np.sqrt(dot_rows(normal, normal)[0])
+            normal = cross(along, normal)
+    return normal / np.sqrt(dot(normal, normal))
 
 
 def capsule_distances(

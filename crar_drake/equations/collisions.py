@@ -3,7 +3,7 @@
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.vectors import cross_rows, sum_columns
+from crar_drake.equations.vectors import sum_columns
 
 # Below this distance [m] the magnitude of Eq. (23) is taken at this distance: at
 # d = 0 it is infinite, and for d < 0 the printed formula shrinks again.
@@ -29,24 +29,7 @@ def collision_potential_slope(
     return -rho * np.exp(-alpha * d) * d**-beta * (beta / d + alpha)
 
 
-def _distance_gradient_loops(normal, point, S, moves):
-    K, Nc, n = len(S), len(moves), S.shape[2]
-    g = np.zeros((K, Nc, n))
-    for k in range(K):
-        for i in range(Nc):
-            row = k * Nc + i
-            x, y, z = point[row, 0], point[row, 1], point[row, 2]
-            n_0, n_1, n_2 = normal[row, 0], normal[row, 1], normal[row, 2]
-            w_0, w_1, w_2 = y * n_2 - z * n_1, z * n_0 - x * n_2, x * n_1 - y * n_0
-            for j in range(n):
-                if moves[i, j] != 0.0:
-                    turning = w_0 * S[k, 0, j] + w_1 * S[k, 1, j] + w_2 * S[k, 2, j]
-                    rate = turning + n_0 * S[k, 3, j] + n_1 * S[k, 4, j]
-                    g[k, i, j] = moves[i, j] * (rate + n_2 * S[k, 5, j])
-    return g
-
-
-@compiled(loops=_distance_gradient_loops)
+@compiled
 def distance_gradient_about_origin(
     normal: np.ndarray, point: np.ndarray, S: np.ndarray, moves: np.ndarray
 ) -> np.ndarray:
@@ -65,8 +48,20 @@ def distance_gradient_about_origin(
         moves: (Nc, n) 1 where the joint carries a alone, -1 where it carries b
             alone, else 0.
     """
-    wrench = np.concatenate((cross_rows(point, normal), normal), axis=1)
-    return wrench.reshape(len(S), -1, 6) @ S * moves
+    K, Nc, n = len(S), len(moves), S.shape[2]
+    g = np.zeros((K, Nc, n))
+    for k in range(K):
+        for i in range(Nc):
+            row = k * Nc + i
+            x, y, z = point[row, 0], point[row, 1], point[row, 2]
+            n_0, n_1, n_2 = normal[row, 0], normal[row, 1], normal[row, 2]
+            w_0, w_1, w_2 = y * n_2 - z * n_1, z * n_0 - x * n_2, x * n_1 - y * n_0
+            for j in range(n):
+                if moves[i, j] != 0.0:
+                    turning = w_0 * S[k, 0, j] + w_1 * S[k, 1, j] + w_2 * S[k, 2, j]
+                    rate = turning + n_0 * S[k, 3, j] + n_1 * S[k, 4, j]
+                    g[k, i, j] = moves[i, j] * (rate + n_2 * S[k, 5, j])
+    return g
 
 
 @compiled

@@ -49,7 +49,7 @@ def no_hulls(count: int) -> tuple[np.ndarray, np.ndarray, Held]:
     return none, none.copy(), hold(hulls)
 
 
-@compiled(loops=True)
+@compiled
 def corners_of(
     at: np.ndarray, start: int, vector: int, hull: int, hulls: Hulls
 ) -> np.ndarray:
@@ -71,7 +71,7 @@ def corners_of(
     return ends
 
 
-@compiled(loops=True)
+@compiled
 def _lowest(points, x, y, z):
     """Which of (V, 3) points is lowest along (x, y, z)."""
     which, low = 0, np.inf
@@ -82,7 +82,7 @@ def _lowest(points, x, y, z):
     return which
 
 
-@compiled(loops=True)
+@compiled
 def _determinant(a, b, c):
     """Of three rows (3,)."""
     return (
@@ -92,7 +92,7 @@ def _determinant(a, b, c):
     )
 
 
-@compiled(loops=True)
+@compiled
 def _nearest_of_simplex(w, count, share):
     """The shares of up to four corners in what is nearest to the origin, in place.
 
@@ -151,7 +151,7 @@ def _nearest_of_simplex(w, count, share):
     )
 
 
-@compiled(loops=True)
+@compiled
 def to_nearest(
     w: np.ndarray, of: np.ndarray, count: int, share: np.ndarray, v: np.ndarray
 ) -> tuple[bool, int]:
@@ -180,7 +180,7 @@ def to_nearest(
     return outside, kept
 
 
-@compiled(loops=True)
+@compiled
 def nearest_apart(
     a: np.ndarray, b: np.ndarray, shift: np.ndarray
 ) -> tuple[bool, float, np.ndarray, np.ndarray]:
@@ -228,7 +228,7 @@ def nearest_apart(
     return apart, gap, n, x
 
 
-@compiled(loops=True)
+@compiled
 def _edges_of(points, hull, hulls):
     """(E, 3) the directions of a shape's edges, of a capsule its axis."""
     if hull < 0:
@@ -240,7 +240,7 @@ def _edges_of(points, hull, hulls):
     return found
 
 
-@compiled(loops=True)
+@compiled
 def _span_of(points, hull, hulls):
     """(F, 2, 3) two directions in each of a shape's faces; a capsule has none."""
     if hull < 0:
@@ -254,7 +254,7 @@ def _span_of(points, hull, hulls):
     return found
 
 
-@compiled(loops=True)
+@compiled
 def _gap_across(a, b, e, f, best, n):
     """The larger of `best` and the gap along e x f or against it, with its n."""
     x, y = e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2]
@@ -283,7 +283,7 @@ def _gap_across(a, b, e, f, best, n):
     return best
 
 
-@compiled(loops=True)
+@compiled
 def hull_distance(
     at: np.ndarray,
     start_a: int,
@@ -326,7 +326,7 @@ def hull_distance(
     return d, n, x - shift
 
 
-@compiled(loops=True)
+@compiled
 def shadow_rates(
     n: np.ndarray, points: np.ndarray, V: np.ndarray, half: float
 ) -> tuple[float, float, float, float]:

@@ -106,7 +106,7 @@ def desired_state(
     return Desired(q_next, v_next, v + (T / period) * (v_next - v))
 
 
-@compiled(loops=True)
+@compiled
 def beyond_bounds(
     q: np.ndarray,
     v: np.ndarray,

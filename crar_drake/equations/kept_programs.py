@@ -3,118 +3,107 @@
 What cannot be read, damaged or cut off, counts as not there, and is compiled again.
 What cannot be written, on a full disk or one that is read only, is said once. A folder
 that is full of what others compiled may well be read only.
+
+Numba's own cache looks at the file of a function only, but a compiled function contains
+those that it calls, and the constants that it uses. It also depends on where the source
+lies, and trusts what it reads.
 """
 
 import hashlib
 import logging
-import os
 import pickle
+import sys
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
-from numba.core import caching, config
+import numba
+from numba.core import serialize
+from numba.core.compiler import CompileResult
+
+from crar_drake.errors import WriteError
+from crar_drake.files import whole_file
+from crar_drake.kept_files import digest_of, mark_used, remove_unused
+from crar_drake.resources import cached
+
+_EQUATIONS = Path(__file__).parent
+SOURCES = sorted(_EQUATIONS.glob("*.py"))
 
 _DIGEST = hashlib.sha256().digest_size
 
-# Older Numbas have it by another name.
-_Locator = getattr(caching, "UserProvidedCacheLocator", None) or (
-    caching._UserProvidedCacheLocator
-)
-
-
-class Place(_Locator):
-    """Where a function is kept: one of this package in a folder of its own.
-
-    Numba's own place depends on where the source lies. Here the cache's folder stands
-    for the sources already, so that all copies of them find what one has compiled.
-    """
-
-    def __init__(self, function, file) -> None:
-        super().__init__(function, file)
-        place = Path(file)
-        if place.parent == Path(__file__).parent:
-            name = f"{place.stem}.{function.__qualname__}"
-            self._cache_path = str(Path(config.CACHE_DIR) / name)
-
-    def ensure_cache_path(self) -> None:
-        """Makes the folder if it can; else what is there is read, if anything is."""
-        try:
-            super().ensure_cache_path()
-        except OSError as error:
-            if not os.path.isdir(self.get_cache_path()):
-                say_once(self.get_cache_path(), error)
-
-
-class KeptResults(caching.CompileResultCacheImpl):
-    """What is kept, at its `Place`."""
-
-    _locator_classes = [Place]
-
-
-class SealedFiles(caching.IndexDataCacheFile):
-    """The files of a function, each with a digest of what is in it.
-
-    Machine code of which a bit is wrong could do anything.
-    """
-
-    def _dump(self, obj: Any) -> bytes:
-        content = super()._dump(obj)
-        return hashlib.sha256(content).digest() + content
-
-    def _load_index(self) -> dict:
-        try:
-            with open(self._index_path, "rb") as file:
-                if pickle.load(file) != self._version:
-                    return {}
-                stamp, overloads = pickle.loads(_unsealed(file.read()))
-        except Exception:  # of a damaged file pickle raises whatever it likes
-            return {}
-        return overloads if stamp == self._source_stamp else {}
-
-    def _load_data(self, name: str) -> Any:
-        content = Path(self._data_path(name)).read_bytes()
-        return pickle.loads(_unsealed(content))
-
-
-def _unsealed(content: bytes) -> bytes:
-    """What `_dump` sealed; OSError, as if there were no file, if it is damaged."""
-    content, digest = content[_DIGEST:], content[:_DIGEST]
-    if hashlib.sha256(content).digest() != digest:
-        raise OSError("damaged")
-    return content
-
-
-class Cache(caching.FunctionCache):
-    """What was compiled of one function."""
-
-    _impl_class = KeptResults
-
-    def __init__(self, function) -> None:
-        super().__init__(function)
-        self._cache_file = SealedFiles(
-            self._cache_path,
-            self._impl.filename_base,
-            self._impl.locator.get_source_stamp(),
-        )
-
-    def save_overload(self, sig, data) -> None:
-        """Keeps what was compiled, if that can be done."""
-        try:
-            super().save_overload(sig, data)
-        except OSError as error:
-            say_once(self.cache_path, error)
+_SAID: set[Path] = set()  # folders of which it was said that nothing is kept there
 
 
 @cache
-def _say(text: str) -> None:
-    logging.getLogger("crar_drake").warning(text)
+def cache_folder(room: Path) -> Path:
+    """Where the compiled functions of a room are kept: another folder for other sources
+    of the room and of the equations, of which alone they are made; and for another
+    Numba or Python.
+
+    In the user's cache, or in NUMBA_CACHE_DIR where that is set. A new folder in the
+    user's cache takes the places of those that nobody used for long. All copies of the
+    sources find what one has compiled.
+    """
+    theirs = numba.config.CACHE_DIR
+    sources = SOURCES if room == _EQUATIONS else [*SOURCES, *sorted(room.glob("*.py"))]
+    by = f"{numba.__version__}-{sys.implementation.cache_tag}"
+    name = f"{room.name}-{by}-{digest_of(sources)[:16]}"
+    folder = (Path(theirs) if theirs else cached("compiled")) / name
+    if folder.is_dir():
+        mark_used(folder)
+    elif not theirs:
+        remove_unused(folder.parent)
+    return folder
 
 
-def say_once(place: str, error: OSError) -> None:
-    """Says on stderr, once in a process, that what is compiled cannot be kept."""
-    _say(
-        f"what is compiled cannot be kept in {Path(place).parent} "
-        f"({error.strerror or error}): every process compiles it again; "
-        "NUMBA_CACHE_DIR names another folder"
-    )
+class Kept:
+    """What was compiled of one function: what Numba asks of a cache.
+
+    A file for each signature, with a digest of what is in it: machine code of which a
+    bit is wrong could do anything.
+
+    Attributes:
+        cache_path: the folder of these files.
+    """
+
+    def __init__(self, function: Callable) -> None:
+        if function.__closure__:
+            raise TypeError(f"{function} is not made of its sources alone")
+        source = Path(function.__code__.co_filename)
+        name = f"{source.stem}.{function.__qualname__}"
+        self.cache_path = cache_folder(source.parent) / name
+        self._line = function.__code__.co_firstlineno
+
+    def load_overload(self, signature, target) -> CompileResult | None:
+        """What was kept for a signature; None if nothing that can be used."""
+        target.refresh()
+        try:
+            kept = self._file(signature, target).read_bytes()
+        except OSError:
+            return None
+        digest, content = kept[:_DIGEST], kept[_DIGEST:]
+        if hashlib.sha256(content).digest() != digest:
+            return None
+        return CompileResult._rebuild(target, *pickle.loads(content))
+
+    def save_overload(self, signature, result: CompileResult) -> None:
+        """Keeps what was compiled, if that can be done."""
+        if result.library.has_dynamic_globals:
+            return  # places in this process's memory
+        content = serialize.dumps(result._reduce())
+        place = self._file(signature, result.target_context)
+        try:
+            with whole_file(place) as path:
+                path.write_bytes(hashlib.sha256(content).digest() + content)
+        except WriteError as error:
+            folder = self.cache_path.parent
+            if folder not in _SAID:
+                _SAID.add(folder)
+                logging.getLogger("crar_drake").warning(
+                    f"what is compiled cannot be kept ({error}): every process "
+                    "compiles it again; NUMBA_CACHE_DIR names another folder"
+                )
+
+    def _file(self, signature, target) -> Path:
+        known = f"{self._line} {signature} {target.codegen().magic_tuple()}"
+        return self.cache_path / hashlib.sha256(known.encode()).hexdigest()[:32]

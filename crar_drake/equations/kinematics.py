@@ -21,7 +21,7 @@ from crar_drake.equations.capsule_distances import nearest_of_pairs
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.tasks import TaskRows, rotation_from_quaternion, stack_rows
-from crar_drake.equations.vectors import cross_rows, product, sparse_product, transposed
+from crar_drake.equations.vectors import transposed
 
 
 class Tree(NamedTuple):
@@ -46,7 +46,6 @@ class Tree(NamedTuple):
     versine: np.ndarray
     slide: np.ndarray
     every: np.ndarray  # (N,) True
-    ancestors: np.ndarray  # (B, N) the frames 1, 2, 4, ... up, till all are the world
     # (F, 2) of free joints: the first frame, and where in the plant's positions their
     # quaternion is, with the translation after it
     free: np.ndarray
@@ -86,7 +85,16 @@ def free_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
     return X
 
 
-def _link_poses_loops(q, tree, needed):
+@compiled
+def link_poses(q: np.ndarray, tree: Tree, needed: np.ndarray) -> np.ndarray:
+    """X (K, 4 N, 3): the frames' poses X_WL, transposed, one below the other [m].
+
+    Of each frame three rows of R_WL^T, and then p_WL.
+
+    Args:
+        q: (K, nq) positions of all joints in K configurations, in the plant's order.
+        needed: (N,) bool, which frames, parents with their children; `Tree.every`.
+    """
     K, N = len(q), len(tree.parent)
     X = np.empty((K, 4 * N, 3))
     for k in range(K):
@@ -119,28 +127,6 @@ def _link_poses_loops(q, tree, needed):
     return X
 
 
-@compiled(loops=_link_poses_loops)
-def link_poses(q: np.ndarray, tree: Tree, needed: np.ndarray) -> np.ndarray:
-    """X (K, 4 N, 3): the frames' poses X_WL, transposed, one below the other [m].
-
-    Of each frame three rows of R_WL^T, and then p_WL.
-
-    Args:
-        q: (K, nq) positions of all joints in K configurations, in the plant's order.
-        needed: (N,) bool, which frames, parents with their children; `Tree.every`.
-    """
-    at = q[:, tree.position][..., np.newaxis, np.newaxis]
-    fixed = tree.fixed
-    if len(tree.free):
-        fixed = np.stack([free_poses(each, tree) for each in q])
-    X = fixed + np.sin(at) * tree.sine
-    X += (1.0 - np.cos(at)) * tree.versine + at * tree.slide
-    # Each pose is that in an ancestor; then the ancestor is replaced by its own.
-    for ancestor in tree.ancestors:
-        X = X @ X[:, ancestor]
-    return X[..., :3].reshape(len(q), -1, 3)
-
-
 @compiled
 def place_points(X: np.ndarray, selection: np.ndarray, first: np.ndarray) -> np.ndarray:
     """Points and vectors (K, P, 3) in W, in K configurations.
@@ -151,10 +137,22 @@ def place_points(X: np.ndarray, selection: np.ndarray, first: np.ndarray) -> np.
             of X begin at
         first: (P,).
     """
-    return sparse_product(selection, first, X)
+    C = np.empty((len(X), len(selection), 3))
+    one = np.uintp(1)
+    for k in range(len(X)):
+        for i in range(len(selection)):
+            # Of a signed place Numba asks each time whether it counts from the end.
+            j = np.uintp(first[i])
+            x, y, z = j + one, j + one + one, j + one + one + one
+            of = selection[i]
+            p, q, r, s = of[0], of[1], of[2], of[3]
+            for c in range(3):
+                first_two = p * X[k, j, c] + q * X[k, x, c]
+                C[k, i, c] = first_two + r * X[k, y, c] + s * X[k, z, c]
+    return C
 
 
-@compiled(loops=True)
+@compiled
 def joint_motion(placed: np.ndarray) -> np.ndarray:
     """S (K, 6, nv): how each joint moves what it carries, about the world's origin.
 
@@ -175,7 +173,19 @@ def joint_motion(placed: np.ndarray) -> np.ndarray:
     return S
 
 
-def _task_jacobian_loops(p, S, tasks):
+@compiled
+def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray:
+    """Eq. (5): the task Jacobian J (m, nv), of v = J q_dot, from the joints' motion.
+
+    A unit velocity of a task's point p along axis e is felt by the joints as the
+    wrench [p x e; e] about the world's origin, a turn about e as [e; 0]: these are
+    the rows that multiply S. The row of a joint is a unit vector.
+
+    Args:
+        p: (T, 3) the tasks' points in W [m].
+        S: (6, nv) `joint_motion`.
+        tasks: with the turns or axes e of the rows, 0 of a joint's.
+    """
     m, nv = tasks.carried.shape
     J = tasks.of_joints.copy() if len(tasks.of_joints) else np.zeros((m, nv))
     for i in range(m):
@@ -193,28 +203,28 @@ def _task_jacobian_loops(p, S, tasks):
     return J
 
 
-@compiled(loops=_task_jacobian_loops)
-def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray:
-    """Eq. (5): the task Jacobian J (m, nv), of v = J q_dot, from the joints' motion.
+@compiled
+def task_bias(
+    p: np.ndarray, S: np.ndarray, v: np.ndarray, tasks: TaskPoints, rows: TaskRows
+) -> np.ndarray:
+    """Eq. (6): Jdot q_dot (m,), the tasks' acceleration where no joint accelerates.
 
-    A unit velocity of a task's point p along axis e is felt by the joints as the
-    wrench [p x e; e] about the world's origin, a turn about e as [e; 0]: these are
-    the rows that multiply S. The row of a joint is a unit vector.
+    Joint j's column of S turns and moves with the frame that carries it, whose
+    spatial velocity about the world's origin is [w; u] = sum S_i q_dot_i over the
+    joints up to j, so that
+
+        d/dt S_j q_dot_j = [w x s; w x t + u x s],     [s; t] = S_j q_dot_j.
+
+    The sum A = [alpha; a] over the joints that carry a task is the acceleration of
+    what passes the world's origin, less w x u; that of the task's point p is
+
+        a_p = a + alpha x p + w x (u + w x p),      [w; u] of the task's link.
 
     Args:
         p: (T, 3) the tasks' points in W [m].
         S: (6, nv) `joint_motion`.
-        tasks: with the turns or axes e of the rows, 0 of a joint's.
+        v: (nv,) velocities.
     """
-    turn, axis = tasks.fixed[:, :3], tasks.fixed[:, 3:]
-    wrenches = np.concatenate((cross_rows(p[tasks.of_rows], axis) + turn, axis), axis=1)
-    J = product(wrenches, S) * tasks.carried
-    if len(tasks.of_joints):
-        J += tasks.of_joints
-    return J
-
-
-def _task_bias_loops(p, S, v, tasks, rows):
     nv, T = len(v), len(tasks.carries)
     is_pose, moves_one = np.zeros(T, dtype=np.bool_), np.zeros(nv, dtype=np.bool_)
     for of in (rows.angular_tasks, rows.linear_tasks):
@@ -268,41 +278,6 @@ def _task_bias_loops(p, S, v, tasks, rows):
         a_p[i, 0] = A[3] + (A[1] * z - A[2] * y) + (w_1 * u_2 - w_2 * u_1)
         a_p[i, 1] = A[4] + (A[2] * x - A[0] * z) + (w_2 * u_0 - w_0 * u_2)
         a_p[i, 2] = A[5] + (A[0] * y - A[1] * x) + (w_0 * u_1 - w_1 * u_0)
-    return stack_rows(alpha[rows.angular_tasks], a_p[rows.linear_tasks], rows)
-
-
-@compiled(loops=_task_bias_loops)
-def task_bias(
-    p: np.ndarray, S: np.ndarray, v: np.ndarray, tasks: TaskPoints, rows: TaskRows
-) -> np.ndarray:
-    """Eq. (6): Jdot q_dot (m,), the tasks' acceleration where no joint accelerates.
-
-    Joint j's column of S turns and moves with the frame that carries it, whose
-    spatial velocity about the world's origin is [w; u] = sum S_i q_dot_i over the
-    joints up to j, so that
-
-        d/dt S_j q_dot_j = [w x s; w x t + u x s],     [s; t] = S_j q_dot_j.
-
-    The sum A = [alpha; a] over the joints that carry a task is the acceleration of
-    what passes the world's origin, less w x u; that of the task's point p is
-
-        a_p = a + alpha x p + w x (u + w x p),      [w; u] of the task's link.
-
-    Args:
-        p: (T, 3) the tasks' points in W [m].
-        S: (6, nv) `joint_motion`.
-        v: (nv,) velocities.
-    """
-    own = np.ascontiguousarray((S * v).T)
-    moving = product(tasks.above, own)
-    s, t = own[:, :3], own[:, 3:]
-    w, u = moving[:, :3], moving[:, 3:]
-    change = np.concatenate(
-        (cross_rows(w, s), cross_rows(w, t) + cross_rows(u, s)), axis=1
-    )
-    A, link = product(tasks.carries, change), product(tasks.carries, own)
-    alpha, a, w, u = A[:, :3], A[:, 3:], link[:, :3], link[:, 3:]
-    a_p = a + cross_rows(alpha, p) + cross_rows(w, u + cross_rows(w, p))
     return stack_rows(alpha[rows.angular_tasks], a_p[rows.linear_tasks], rows)
 
 

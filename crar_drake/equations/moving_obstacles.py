@@ -201,7 +201,7 @@ def place_links(q: np.ndarray, r: Robot, links: Links) -> np.ndarray:
     return place_points(X, links.selection, links.first)[0]
 
 
-@compiled(loops=True)
+@compiled
 def links_near(
     start: np.ndarray,
     end: np.ndarray,
@@ -303,7 +303,7 @@ def near_line(
     return links_near(start, end, bend, seconds, numbers.floor, spheres, links)
 
 
-@compiled(loops=True)
+@compiled
 def nearest_to(p: np.ndarray, u: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float]:
     """Where a segment, from p by u, is nearest to a point c, (3,) each.
 
@@ -330,7 +330,7 @@ def nearest_to(p: np.ndarray, u: np.ndarray, c: np.ndarray) -> tuple[np.ndarray,
     return n, far
 
 
-@compiled(loops=True)
+@compiled
 def line_bounds(
     line: Line, levels: Levels, quick: bool, spheres: Spheres, r: Robot, law: Held
 ) -> Found:
@@ -512,7 +512,7 @@ def are_clear(
     return clear
 
 
-@compiled(loops=True)
+@compiled
 def present_levels(
     line: Line, clear: np.ndarray, spheres: Spheres, r: Robot, law: Held
 ) -> Levels:
@@ -552,7 +552,7 @@ def present_levels(
     return Levels(moving, still)
 
 
-@compiled(loops=True)
+@compiled
 def link_gradient(
     i: int, o: int, at: np.ndarray, S: np.ndarray, spheres: Spheres, links: Links
 ) -> tuple[float, np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from crar_drake.equations.kinematics import Robot, link_poses, place_points
 from crar_drake.equations.vectors import put, put_at, some_columns
 
 
-@compiled(loops=True)
+@compiled
 def ball_distances(
     points: np.ndarray, pairs: ShapePairs, some: np.ndarray
 ) -> np.ndarray:
@@ -31,7 +31,7 @@ def ball_distances(
     return d
 
 
-@compiled(loops=True)
+@compiled
 def near_balls(
     points: np.ndarray,
     starts: np.ndarray,

@@ -48,7 +48,7 @@ def curvature(x: np.ndarray, balls: Balls) -> np.ndarray:
     return times(balls.reach, speed * (speed + 2.0 * times(balls.above, speed)))
 
 
-@compiled(loops=True)
+@compiled
 def near_on_way(
     centres: np.ndarray,
     points: np.ndarray,
@@ -113,7 +113,7 @@ def near_on_way(
     return rows[:count], low
 
 
-@compiled(loops=True)
+@compiled
 def least_length(x, y, z, u, v, w):
     """The smallest length of (x, y, z) + t (u, v, w), 0 <= t <= 1."""
     here, towards = x * x + y * y + z * z, x * u + y * v + z * w

@@ -10,20 +10,9 @@ from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.kinematics import Robot, Tree, joint_motion, link_poses
-from crar_drake.equations.vectors import sparse_product
 
 
-def _place_some_loops(at, X, selection, first, some):
-    for k in range(len(some)):
-        i = some[k]
-        j = first[i]
-        p, q, r, s = selection[i, 0], selection[i, 1], selection[i, 2], selection[i, 3]
-        for c in range(3):
-            first_two = p * X[j, c] + q * X[j + 1, c]
-            at[i, c] = first_two + r * X[j + 2, c] + s * X[j + 3, c]
-
-
-@compiled(loops=_place_some_loops)
+@compiled
 def place_some(
     at: np.ndarray,
     X: np.ndarray,
@@ -39,7 +28,13 @@ def place_some(
         selection, first: (P, 4), (P,) as there.
         some: (k,) which points.
     """
-    at[some] = sparse_product(selection[some], first[some], X[np.newaxis])[0]
+    for k in range(len(some)):
+        i = some[k]
+        j = first[i]
+        p, q, r, s = selection[i, 0], selection[i, 1], selection[i, 2], selection[i, 3]
+        for c in range(3):
+            first_two = p * X[j, c] + q * X[j + 1, c]
+            at[i, c] = first_two + r * X[j + 2, c] + s * X[j + 3, c]
 
 
 @compiled
@@ -138,7 +133,7 @@ def distances_at(
     return d, distance_gradient_about_origin(n, p, S, moves)[0]
 
 
-@compiled(loops=True)
+@compiled
 def own_velocities(
     S: np.ndarray, x: np.ndarray, alone: np.ndarray, pairs: np.ndarray
 ) -> np.ndarray:

@@ -1,21 +1,19 @@
 """Vectors and small systems of equations: what the equations are computed with.
 
-Vectors stand in the rows of arrays (N, 3). LAPACK does the factors where nothing is
-compiled; Numba does not reach SciPy's, so loops take their place there. Some functions
-have no NumPy form, for their loops cost nothing without Numba either, see `compiled`.
+Vectors stand in the rows of arrays (N, 3). All is written in loops, which Numba
+compiles faster than array expressions; SciPy's LAPACK is out of its reach.
 """
 
 import math
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
 from crar_drake.equations.compilation import compiled
 
-_YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 
-
-def _cross_loops(a, b):
+@compiled
+def cross_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross products of the rows of two (N, 3) arrays."""
     c = np.empty(a.shape)
     for i in range(len(a)):
         c[i, 0] = a[i, 1] * b[i, 2] - a[i, 2] * b[i, 1]
@@ -24,35 +22,7 @@ def _cross_loops(a, b):
     return c
 
 
-@compiled(loops=_cross_loops)
-def cross_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products of the rows of two (N, 3) arrays.
-
-    numpy.cross takes several times as long on so few rows.
-    """
-    return a[:, _YZX] * b[:, _ZXY] - a[:, _ZXY] * b[:, _YZX]
-
-
-def _dot_loops(a, b):
-    c = np.empty(len(a))
-    for i in range(len(a)):
-        c[i] = a[i, 0] * b[i, 0] + a[i, 1] * b[i, 1] + a[i, 2] * b[i, 2]
-    return c
-
-
-@compiled(loops=_dot_loops)
-def dot_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar products (N,) of the rows of two (N, 3) arrays."""
-    return np.vecdot(a, b)
-
-
 @compiled
-def clip_to_unit(x: np.ndarray) -> np.ndarray:
-    """x limited to [0, 1]; numpy.clip takes several times as long on short arrays."""
-    return np.minimum(np.maximum(x, 0.0), 1.0)
-
-
-@compiled(loops=True)
 def identity(n: int) -> np.ndarray:
     """I (n, n)."""
     M = np.zeros((n, n))
@@ -61,7 +31,7 @@ def identity(n: int) -> np.ndarray:
     return M
 
 
-@compiled(loops=True)
+@compiled
 def largest(x: np.ndarray) -> float:
     """The largest |x_i| of x (n,), NaN if one is."""
     found = abs(x[0])
@@ -72,7 +42,7 @@ def largest(x: np.ndarray) -> float:
     return found
 
 
-@compiled(loops=True)
+@compiled
 def is_finite(x: np.ndarray) -> bool:
     """Whether no entry of x (n,) is NaN or infinite, without asking each.
 
@@ -84,7 +54,7 @@ def is_finite(x: np.ndarray) -> bool:
     return math.isfinite(s)
 
 
-@compiled(loops=True)
+@compiled
 def sum_rows(A: np.ndarray) -> np.ndarray:
     """The sum of each row of A (m, n), (m,).
 
@@ -97,7 +67,7 @@ def sum_rows(A: np.ndarray) -> np.ndarray:
     return s
 
 
-@compiled(loops=True)
+@compiled
 def sum_columns(A: np.ndarray) -> np.ndarray:
     """The sum of each column of A (m, n), (n,)."""
     s = np.zeros(A.shape[1])
@@ -107,7 +77,9 @@ def sum_columns(A: np.ndarray) -> np.ndarray:
     return s
 
 
-def _gram_loops(A):
+@compiled
+def gram(A: np.ndarray) -> np.ndarray:
+    """A^T A (n, n) of A (k, n), symmetric to the last bit."""
     rows, n = A.shape
     M = np.zeros((n, n))
     # Four rows at once, in their order: M is read and written a quarter as often.
@@ -133,13 +105,9 @@ def _gram_loops(A):
     return M
 
 
-@compiled(loops=_gram_loops)
-def gram(A: np.ndarray) -> np.ndarray:
-    """A^T A (n, n) of A (k, n), symmetric to the last bit."""
-    return A.T @ A
-
-
-def _times_loops(A, x):
+@compiled
+def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """A x (m,) of A (m, n) and x (n,), contiguous or not."""
     m, n = A.shape
     y = np.empty(m)
     # Four rows at once: each of the sums waits for itself, but not for the others.
@@ -160,13 +128,9 @@ def _times_loops(A, x):
     return y
 
 
-@compiled(loops=_times_loops)
-def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """A x (m,) of A (m, n) and x (n,), contiguous or not."""
-    return A @ x
-
-
-def _transposed_times_loops(A, x):
+@compiled
+def transposed_times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """A^T x (n,) of A (m, n) and x (m,), contiguous or not."""
     m, n = A.shape
     y = np.zeros(n)
     # Four rows at once, in their order, as in `gram`.
@@ -182,13 +146,12 @@ def _transposed_times_loops(A, x):
     return y
 
 
-@compiled(loops=_transposed_times_loops)
-def transposed_times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """A^T x (n,) of A (m, n) and x (m,), contiguous or not."""
-    return x @ A
+@compiled
+def cholesky(A: np.ndarray) -> np.ndarray:
+    """The lower Cholesky factor L of A (n, n); what stands above it means nothing.
 
-
-def _cholesky_loops(A):
+    Where A is not positive definite (a NaN or an overflow) the factor holds NaN.
+    """
     n = len(A)
     L = np.zeros((n, n))
     # A row of L begins where that of A does: most joints are coupled to few.
@@ -222,19 +185,7 @@ def _cholesky_loops(A):
     return L
 
 
-@compiled(loops=_cholesky_loops)
-def cholesky(A: np.ndarray) -> np.ndarray:
-    """The lower Cholesky factor L of A (n, n); what stands above it means nothing.
-
-    Where A is not positive definite (a NaN or an overflow) the factor holds NaN.
-    """
-    L, info = dpotrf(A, lower=1, clean=0)
-    if info:
-        L[:] = np.nan
-    return L
-
-
-@compiled(loops=True)
+@compiled
 def some_columns(A: np.ndarray, some: np.ndarray) -> np.ndarray:
     """A[:, some] (n, k) of A (n, m), contiguous by rows."""
     B = np.empty((len(A), len(some)))
@@ -245,7 +196,9 @@ def some_columns(A: np.ndarray, some: np.ndarray) -> np.ndarray:
     return B
 
 
-def _select_loops(A, some):
+@compiled
+def select_rows(A: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """A[some] (k, m) of A (n, m)."""
     B = np.empty((len(some), A.shape[1]))
     for k in range(len(some)):
         row = A[some[k]]
@@ -254,13 +207,9 @@ def _select_loops(A, some):
     return B
 
 
-@compiled(loops=_select_loops)
-def select_rows(A: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """A[some] (k, m) of A (n, m)."""
-    return A[some]
-
-
-def _cholesky_solve_loops(L, b):
+@compiled
+def cholesky_solve(L: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """x (n,) of L L^T x = b (n,), from the lower factor."""
     x, n = b.copy(), len(b)
     for i in range(n):
         a, row = x[i], L[i]
@@ -275,13 +224,9 @@ def _cholesky_solve_loops(L, b):
     return x
 
 
-@compiled(loops=_cholesky_solve_loops)
-def cholesky_solve(L: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """x (n,) of L L^T x = b (n,), from the lower factor."""
-    return dpotrs(L, b, lower=1)[0]
-
-
-def _forward_loops(L, B):
+@compiled
+def forward(L: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """L^-1 B (n, m) of B (n, m), L lower triangular."""
     X = B.copy()
     for i in range(len(L)):
         row = X[i]
@@ -295,13 +240,7 @@ def _forward_loops(L, B):
     return X
 
 
-@compiled(loops=_forward_loops)
-def forward(L: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """L^-1 B (n, m) of B (n, m), L lower triangular."""
-    return np.ascontiguousarray(dtrtrs(L, B, lower=1)[0])
-
-
-@compiled(loops=True)
+@compiled
 def backward(L: np.ndarray, b: np.ndarray) -> np.ndarray:
     """L^-T b (n,) of b (n,), L lower triangular."""
     x = b.copy()
@@ -312,7 +251,7 @@ def backward(L: np.ndarray, b: np.ndarray) -> np.ndarray:
     return x
 
 
-@compiled(loops=True)
+@compiled
 def cholesky_solve_matrix(L: np.ndarray, B: np.ndarray) -> np.ndarray:
     """X (n, m) of L L^T X = B (n, m), from the lower factor."""
     X, n = B.copy(), len(B)
@@ -328,7 +267,7 @@ def cholesky_solve_matrix(L: np.ndarray, B: np.ndarray) -> np.ndarray:
     return X
 
 
-@compiled(loops=True)
+@compiled
 def put(x: np.ndarray, at: int, values: np.ndarray) -> None:
     """x[at:] begins with the values (k,) then, in place; x (n,), n >= at + k.
 
@@ -339,14 +278,14 @@ def put(x: np.ndarray, at: int, values: np.ndarray) -> None:
         x[at + i] = values[i]
 
 
-@compiled(loops=True)
+@compiled
 def put_at(x: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
     """x[places] is values (k,) then, in place; x (n,), places (k,). As `put`."""
     for i in range(len(places)):
         x[places[i]] = values[i]
 
 
-@compiled(loops=True)
+@compiled
 def transposed(A: np.ndarray) -> np.ndarray:
     """A_k^T (K, n, m) of A (K, m, n).
 
@@ -360,29 +299,27 @@ def transposed(A: np.ndarray) -> np.ndarray:
     return B
 
 
-@compiled(loops=True)
+@compiled
 def add_to_diagonal(A: np.ndarray, x: np.ndarray) -> None:
     """A += diag(x), in place; A (n, n), x (n,)."""
     for i in range(len(x)):
         A[i, i] += x[i]
 
 
-def _add_to_loops(A, B):
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            A[i, j] += B[i, j]
-
-
-@compiled(loops=_add_to_loops)
+@compiled
 def add_to(A: np.ndarray, B: np.ndarray) -> None:
     """A += B, in place; A, B (n, m).
 
     Of a sum of matrices Numba goes through the entries one by one.
     """
-    A += B
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            A[i, j] += B[i, j]
 
 
-def _product_loops(A, B):
+@compiled
+def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """A B of small matrices, contiguous or not; A may be sparse, B is finite."""
     C = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
         for k in range(A.shape[1]):
@@ -394,36 +331,7 @@ def _product_loops(A, B):
     return C
 
 
-@compiled(loops=_product_loops)
-def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """A B of small matrices, contiguous or not; A may be sparse, B is finite."""
-    return A @ B
-
-
-def _sparse_product_loops(A, first, X):
-    C = np.empty((len(X), len(A), 3))
-    one = np.uintp(1)
-    for k in range(len(X)):
-        for i in range(len(A)):
-            # Of a signed place Numba asks each time whether it counts from the end.
-            j = np.uintp(first[i])
-            x, y, z = j + one, j + one + one, j + one + one + one
-            p, q, r, s = A[i, 0], A[i, 1], A[i, 2], A[i, 3]
-            for c in range(3):
-                first_two = p * X[k, j, c] + q * X[k, x, c]
-                C[k, i, c] = first_two + r * X[k, y, c] + s * X[k, z, c]
-    return C
-
-
-@compiled(loops=_sparse_product_loops)
-def sparse_product(A: np.ndarray, first: np.ndarray, X: np.ndarray) -> np.ndarray:
-    """A' X_k (K, N, 3) of X (K, c, 3), where row i of A' (N, c) has nothing but the
-    four entries A_i, of A (N, 4), from column `first[i]` (N,) on.
-    """
-    return np.einsum("ia,kiac->kic", A, X[:, first[:, np.newaxis] + np.arange(4)])
-
-
-@compiled(loops=True)
+@compiled
 def smallest(x: np.ndarray, members: np.ndarray) -> np.ndarray:
     """Of each row of members (N, k), places in x, the first of the smallest: (N,).
 

@@ -8,11 +8,9 @@ a call from another one it is a *part*: it gets no wrapper for Python, and stays
 Numba wrote it until it is linked into what is called from Python, where all is
 optimised at once. Numba's own functions, which ours call, become parts as well.
 
-This saves 58 % of the first compilation, 31 s instead of 75 s (`python -m
-benchmarks.step --only compiling`), which is why it stands here.
-
 The means are Numba's own: a compiler class with another library for the code
-(https://numba.readthedocs.io/en/stable/developer/custom_pipeline.html).
+(https://numba.readthedocs.io/en/stable/developer/custom_pipeline.html). They are its
+insides, too, so that pyproject.toml allows the versions that were looked at.
 """
 
 import gc
@@ -32,9 +30,6 @@ from numba.core.registry import CPUDispatcher
 
 from crar_drake.files import WriteError, turn_to_write
 
-# Names of the functions that are written in loops, whose parts are optimised at once.
-IN_LOOPS: set[str] = set()
-
 # Of the variables by which functions find what surrounds them in Python.
 _ENVIRONMENT = "_ZN08NumbaEnv"
 
@@ -49,14 +44,8 @@ class Part(JITCodeLibrary):
         self._raise_if_finalized()
         for library in self._linking_libraries:
             self._reload_init.update(library._reload_init)
-        if self.name in IN_LOOPS:
-            self._optimize_functions(self._final_module)
-            self._optimize_final_module()
-        for function in self._final_module.functions:
-            # The same function may come with several that call it.
-            external = function.linkage == binding.Linkage.external
-            if external and not function.is_declaration:
-                function.linkage = "linkonce_odr"
+        # The same function may come with several that call it.
+        _relink(self._final_module, binding.Linkage.external, "linkonce_odr")
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
@@ -90,8 +79,11 @@ class Whole(JITCodeLibrary):
         super().finalize()
 
     def _optimize_final_module(self) -> None:
-        """In one go: the cheap one that Numba sends ahead gains nothing here."""
-        passes, builder = self._codegen._module_pass_manager()
+        """In one go, and less than Numba does: on arrays of a dozen numbers more gains
+        nothing that could be measured."""
+        passes, builder = self._codegen._module_pass_manager(
+            opt=1, loop_vectorize=False, slp_vectorize=False
+        )
         with self._recorded_timings.record("Module passes", builder):
             passes.run(self._final_module, builder)
 
@@ -101,21 +93,17 @@ def _link(libraries: list, module: binding.ModuleRef) -> None:
 
     By twos: whatever is linked into something, all of that is gone through anew.
     """
-    called = dict.fromkeys(libraries)
-    waiting, linked = list(called), []
-    while waiting:
-        library = waiting.pop()
+    called = list(dict.fromkeys(libraries))
+    linked = []
+    for library in called:  # grows
         own = library._final_module
         if isinstance(library, Part):
-            more = [x for x in library._linking_libraries if x not in called]
-            called |= dict.fromkeys(more)
-            waiting += more
+            called += [x for x in library._linking_libraries if x not in called]
         else:
             own = library._get_module_for_linking()
         linked.append(own.clone())
-    for each in linked:
         # What nobody calls yet would be left out.
-        _relink(each, binding.Linkage.linkonce_odr, "weak_odr")
+        _relink(linked[-1], binding.Linkage.linkonce_odr, "weak_odr")
     while len(linked) > 1:
         # The last one of an odd number waits.
         for one, other in zip(linked[::2], linked[1::2], strict=False):
@@ -182,21 +170,6 @@ def _undisturbed() -> Iterator[None]:
             signal.raise_signal(waiting[0])
 
 
-@contextmanager
-def _seldom_collecting() -> Iterator[None]:
-    """Lets Python look for garbage less often.
-
-    Compiling makes millions of objects that stay for long, and to go through all of
-    them again and again takes longer than all the rest.
-    """
-    usual = gc.get_threshold()
-    gc.set_threshold(100_000, 50, 1000)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*usual)
-
-
 class Program(CPUDispatcher):
     """What stands for a function: compiled where it is called from Python, its part
     where it is called by another one."""
@@ -207,11 +180,13 @@ class Program(CPUDispatcher):
         with ExitStack() as stack:
             stack.enter_context(_undisturbed())
             stack.enter_context(global_compiler_lock)
-            stack.enter_context(_seldom_collecting())
-            try:
+            # Compiling makes millions of objects that stay for long: to go through all
+            # of them again and again takes longer than all the rest.
+            stack.callback(gc.set_threshold, *gc.get_threshold())
+            gc.set_threshold(100_000, 50, 1000)
+            # Where nothing can be written, nobody has to wait.
+            with suppress(WriteError):
                 stack.enter_context(turn_to_write(self._cache.cache_path))
-            except WriteError:
-                pass  # where nothing can be written, nobody has to wait
             return super().compile(sig)
 
     @cached_property
@@ -225,17 +200,3 @@ class Program(CPUDispatcher):
     @property
     def _numba_type_(self) -> types.Dispatcher:
         return types.Dispatcher(self.part)
-
-
-def program(function) -> Program:
-    """`numba.njit(function, error_model="numpy")`, as a `Program`."""
-    return Program(
-        function,
-        targetoptions={
-            "nopython": True,
-            "boundscheck": None,
-            "error_model": "numpy",
-            "no_cfunc_wrapper": True,
-        },
-        pipeline_class=ProgramCompiler,
-    )

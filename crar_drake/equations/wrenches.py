@@ -54,7 +54,7 @@ class Wrenches(NamedTuple):
     momentum: np.ndarray
 
 
-@compiled(loops=True)
+@compiled
 def wrenches(q: np.ndarray, x: np.ndarray, masses: Masses) -> Wrenches:
     """The terms of (B1) by a pass from the base outwards (Featherstone, Rigid Body
     Dynamics Algorithms, 2008, chapter 5), about the world's origin.
@@ -142,7 +142,7 @@ def wrenches(q: np.ndarray, x: np.ndarray, masses: Masses) -> Wrenches:
     return Wrenches(weight, turning, momentum)
 
 
-@compiled(loops=True)
+@compiled
 def wrench_slopes(
     q: np.ndarray, x: np.ndarray, joints: np.ndarray, masses: Masses
 ) -> np.ndarray:
@@ -259,7 +259,7 @@ def wrench_slopes(
     return slopes
 
 
-@compiled(loops=True)
+@compiled
 def _add_bracket(V: np.ndarray, S: np.ndarray, by: float, to: np.ndarray) -> None:
     """Adds the bracket of two twists (6,), times `by`."""
     for k in range(3):
@@ -269,7 +269,7 @@ def _add_bracket(V: np.ndarray, S: np.ndarray, by: float, to: np.ndarray) -> Non
         to[3 + k] += by * (V[3 + a] * S[b] - V[3 + b] * S[a])
 
 
-@compiled(loops=True)
+@compiled
 def _add_inertial(m, s, inertia, V, by, to):
     """Adds I V, times `by`: the momentum of masses that move by the twist V."""
     for k in range(3):
@@ -281,7 +281,7 @@ def _add_inertial(m, s, inertia, V, by, to):
         to[3 + k] += by * (V[a] * s[b] - V[b] * s[a] + m * V[3 + k])
 
 
-@compiled(loops=True)
+@compiled
 def _add_crossed(S, w, to):
     """Adds S x* w: how a wrench changes that is moved by the twist S."""
     for k in range(3):
@@ -291,7 +291,7 @@ def _add_crossed(S, w, to):
         to[3 + k] += S[a] * w[3 + b] - S[b] * w[3 + a]
 
 
-@compiled(loops=True)
+@compiled
 def _add_turned(D, h, S, by, to):
     """Adds int S rho_dot, times `by`, of masses with D and the momentum h."""
     trace = D[0, 0] + D[1, 1] + D[2, 2]

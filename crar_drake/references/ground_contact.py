@@ -253,7 +253,7 @@ def _lowest_floor(heights: dict[str, np.ndarray]) -> float:
     return float(np.quantile(lowest, _FLOOR_SHARE))
 
 
-@compiled(loops=True)
+@compiled
 def _nearest(ax: float, ay: float, bx: float, by: float) -> tuple[float, float]:
     """The point of the segment from a to b that is nearest to 0."""
     dx, dy = bx - ax, by - ay
@@ -263,7 +263,7 @@ def _nearest(ax: float, ay: float, bx: float, by: float) -> tuple[float, float]:
     return ax + share * dx, ay + share * dy
 
 
-@compiled(loops=True)
+@compiled
 def least_way(moves: np.ndarray, there: np.ndarray) -> np.ndarray:
     """How far the points of a flat piece move that move least, (T,) [m].
 

@@ -233,7 +233,7 @@ class ClearanceOfMeshes:
         return _Motion(self.meshes, q).advance(pairs)
 
 
-@compiled(loops=True)
+@compiled
 def swept(
     R: np.ndarray,
     p: np.ndarray,

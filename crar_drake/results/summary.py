@@ -10,7 +10,6 @@ import numpy as np
 
 from crar_drake.control.records import STATUS_BRAKING, STATUS_IMPLAUSIBLE
 from crar_drake.equations.admission import AS_NOMINAL, CORRECTED, SCALED
-from crar_drake.equations.compilation import arithmetic
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport
 from crar_drake.results.clipped_torque import (
@@ -143,7 +142,6 @@ class Summary:
     warnings: list[str]  # what the user may not have meant, a line each
     wall_time: float | None  # that the simulation took [s]; None if not known
     real_time_factor: float | None  # duration / wall_time; None if not known
-    arithmetic: str  # what computed the control law; "" if not known
     # why the run ended before its time, "interrupted" or an error; "" if it did not, or
     # if it is not known
     stopped: str = ""
@@ -307,7 +305,6 @@ def summarize(
         warnings=list(warnings),
         wall_time=wall_time,
         real_time_factor=duration / wall_time if wall_time else None,
-        arithmetic=arithmetic() if wall_time else "",
         sliding_joints=[
             name
             for name, unit in zip(joints.names, joints.units, strict=True)

@@ -144,8 +144,6 @@ def summary_table(summary: Summary, verbose: bool = False) -> Table:
             f"{summary.wall_time:.1f} s",
             f"for {summary.duration:.2f} s, {summary.real_time_factor:.2f} x real time",
         )
-    if verbose and summary.arithmetic:
-        table.add_row("control law", "", summary.arithmetic)
     return table
 
 

@@ -146,20 +146,14 @@ class JointTree:
             sine[i, :3, :3] = (R @ cross).T
             versine[i, :3, :3] = (R @ cross @ cross).T
             slide[i, 3, :3] = R @ along
-        parent = np.array(self._parents)
-        ancestors, ancestor = [], parent
-        while ancestor.any():
-            ancestors.append(ancestor)
-            ancestor = ancestor[ancestor]
         return Tree(
-            parent,
+            np.array(self._parents),
             np.array(self._positions),
             fixed,
             sine,
             versine,
             slide,
             np.ones(N, dtype=bool),
-            np.array(ancestors, dtype=int).reshape(-1, N),
             np.array(self._free, dtype=int).reshape(-1, 2),
         )
 

@@ -69,7 +69,7 @@ class Normal:
         return self.H.reshape(self.b.size, -1).T
 
 
-@compiled(loops=True)
+@compiled
 def add_squares(H: np.ndarray, b: np.ndarray, J: np.ndarray, r: np.ndarray) -> None:
     """Adds the least squares |J_k x_k + r_k|^2 of frames; rows have few numbers.
 
@@ -93,7 +93,7 @@ def add_squares(H: np.ndarray, b: np.ndarray, J: np.ndarray, r: np.ndarray) -> N
                     H[k, some[j], some[i] - some[j]] += x * J[k, row, some[j]]
 
 
-@compiled(loops=True)
+@compiled
 def add_steps(
     H: np.ndarray,
     b: np.ndarray,
@@ -130,7 +130,26 @@ def add_steps(
                             H[k, j, m + i - j] -= y * A[step, row, j]
 
 
-def _add_rows_loops(H, b, left, right, share, g, weight, target):
+@compiled
+def add_rows(
+    H: np.ndarray,
+    b: np.ndarray,
+    left: np.ndarray,
+    right: np.ndarray,
+    share: np.ndarray,
+    g: np.ndarray,
+    weight: np.ndarray,
+    target: np.ndarray,
+) -> None:
+    """Adds the rows of least squares weight |g ((1 - t) x_k + t x_l) - target|^2.
+
+    Args:
+        H, b: of a `Normal`.
+        left, right: (R,) the frames k and l = k + 1; -1 where that one is held.
+        share: (R,) t; rows with the same frame and share come one after the other.
+        g: (R, m).
+        weight, target: (R,); a weight may be 0.
+    """
     # Rows of one sample come one after the other: their sum is added once. Of what is
     # symmetric the lower triangle is summed.
     m = g.shape[1]
@@ -180,44 +199,15 @@ def _add_rows_loops(H, b, left, right, share, g, weight, target):
                             H[k, i, m + j - i] += u * t * product
 
 
-@compiled(loops=_add_rows_loops)
-def add_rows(
-    H: np.ndarray,
-    b: np.ndarray,
+@compiled
+def along_rows(
+    g: np.ndarray,
     left: np.ndarray,
     right: np.ndarray,
     share: np.ndarray,
-    g: np.ndarray,
-    weight: np.ndarray,
-    target: np.ndarray,
-) -> None:
-    """Adds the rows of least squares weight |g ((1 - t) x_k + t x_l) - target|^2.
-
-    Args:
-        H, b: of a `Normal`.
-        left, right: (R,) the frames k and l = k + 1; -1 where that one is held.
-        share: (R,) t; rows with the same frame and share come one after the other.
-        g: (R, m).
-        weight, target: (R,); a weight may be 0.
-    """
-    m = g.shape[1]
-    c, i = np.triu_indices(m)
-    squares = (weight[:, None] * g[:, i]) * g[:, c]
-    pulls = (weight * target)[:, None] * g
-    for frames, shares in ((left, 1.0 - share), (right, share)):
-        there = frames >= 0
-        by = shares[there]
-        at = frames[there][:, None], c, i - c
-        np.add.at(H, at, (by * by)[:, None] * squares[there])
-        np.add.at(b, frames[there], by[:, None] * pulls[there])
-    both = (left >= 0) & (right >= 0)
-    by = (share * (1.0 - share))[both]
-    c, i = np.divmod(np.arange(m * m), m)
-    squares = (by * weight[both])[:, None] * g[both][:, i] * g[both][:, c]
-    np.add.at(H, (left[both][:, None], c, m + i - c), squares)
-
-
-def _along_rows_loops(g, left, right, share, x):
+    x: np.ndarray,
+) -> np.ndarray:
+    """g ((1 - t) x_k + t x_l) of each row, (R,); arguments as of `add_rows`."""
     moved, moves = np.zeros(len(g)), np.zeros(len(x) + 1, dtype=np.bool_)
     for k in range(len(x)):
         moves[k] = x[k].any()
@@ -234,17 +224,3 @@ def _along_rows_loops(g, left, right, share, x):
                 total += t * g[r, j] * x[after, j]
         moved[r] = total
     return moved
-
-
-@compiled(loops=_along_rows_loops)
-def along_rows(
-    g: np.ndarray,
-    left: np.ndarray,
-    right: np.ndarray,
-    share: np.ndarray,
-    x: np.ndarray,
-) -> np.ndarray:
-    """g ((1 - t) x_k + t x_l) of each row, (R,); arguments as of `add_rows`."""
-    padded = np.vstack((x, np.zeros((1, x.shape[1]))))  # -1: a frame that is held
-    by = share.reshape(-1, 1)
-    return ((1.0 - by) * padded[left] * g + by * padded[right] * g).sum(axis=1)

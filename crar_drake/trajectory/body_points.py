@@ -57,7 +57,7 @@ def turn_jacobian(turn: np.ndarray) -> np.ndarray:
     return np.eye(3) + a * of + b * of @ of
 
 
-@compiled(loops=True)
+@compiled
 def place_links(
     q: np.ndarray, root: np.ndarray, p_root: np.ndarray, robot: Held
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -98,7 +98,7 @@ def place_links(
     return R, p, S
 
 
-@compiled(loops=True)
+@compiled
 def move_points(
     frames: np.ndarray,
     links: np.ndarray,
@@ -144,7 +144,7 @@ def move_points(
     return arms, J
 
 
-@compiled(loops=True)
+@compiled
 def lowest_points(
     frames: np.ndarray,
     links: np.ndarray,

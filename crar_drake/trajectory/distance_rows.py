@@ -51,7 +51,7 @@ def join_rows(*rows: NearRows) -> NearRows:
     return NearRows(*(np.take(x, order, axis=0) for x in joined))
 
 
-@compiled(loops=True)
+@compiled
 def find_near_rows(
     q: np.ndarray, enough: np.ndarray, room: np.ndarray, before: int, robot: Held
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

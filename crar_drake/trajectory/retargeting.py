@@ -617,7 +617,7 @@ class PersonTasks:
         )
 
 
-@compiled(loops=True)
+@compiled
 def person_rows(
     points: np.ndarray,
     J: np.ndarray,

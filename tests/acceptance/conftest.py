@@ -4,6 +4,7 @@ import fcntl
 import importlib.metadata
 import os
 from pathlib import Path
+from typing import Any
 
 import product
 import pytest
@@ -46,3 +47,39 @@ def humanoid(_cache_with_a_humanoid: Path, monkeypatch: pytest.MonkeyPatch) -> s
     """The name of the whole G1, which is imported while the test runs."""
     monkeypatch.setenv(product.CACHE, str(_cache_with_a_humanoid))
     return product.HUMANOID
+
+
+@pytest.fixture(scope="session")
+def judge() -> Any:
+    """The humanoid's, by its own meshes."""
+    import mesh_judge
+    import whole_motions
+
+    return mesh_judge.Robot(mesh_judge.example(whole_motions.G1))
+
+
+@pytest.fixture(scope="session")
+def kept() -> dict[str, Any]:
+    """What is cleaned or retargeted once for all tests."""
+    return {}
+
+
+@pytest.fixture
+def made(
+    name: str,
+    kept: dict[str, Any],
+    humanoid: str,
+    tmp_path_factory: pytest.TempPathFactory,
+    request: pytest.FixtureRequest,
+) -> Any:
+    """The motion of `whole_motions` that is called so: cleaned, or a person's."""
+    import whole_motions
+
+    if name not in kept:
+        folder = tmp_path_factory.mktemp("made")
+        if name in whole_motions.STRETCHES:
+            kept[name] = whole_motions.clean(name, folder)
+        else:
+            mocap = request.getfixturevalue("mocap")
+            kept[name] = whole_motions.retarget(name, mocap, folder)
+    return kept[name]

@@ -7,7 +7,7 @@ changes this file, and no test.
 
 import contextlib
 import dataclasses
-import functools
+import importlib
 import io
 import json
 import os
@@ -23,7 +23,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
+
+import crar_drake  # which imports what is asked of it
+import crar_drake.commands
 
 # --- commands -----------------------------------------------------------------------
 
@@ -42,12 +46,10 @@ class Finished:
 
 def run_command(*argv: object) -> Finished:
     """Runs the command line in this process; the exit code is as of the shell."""
-    from crar_drake.commands import main
-
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
-            code = main([str(word) for word in argv])
+            code = crar_drake.commands.main([str(word) for word in argv])
         except SystemExit as stopped:  # argparse
             code = stopped.code if isinstance(stopped.code, int) else 1
     return Finished(code or 0, out.getvalue(), err.getvalue())
@@ -120,7 +122,7 @@ OPTIONS: dict[str, str] = {
 }
 
 # Exit codes.
-FINE, VIOLATED, REFUSED, INTERRUPTED = 0, 1, 2, 130
+FINE, VIOLATED, REFUSED = 0, 1, 2
 
 # Environment variables: the folder of CMU's motions, and that of users' caches.
 MOCAP, CACHE = "CRAR_MOCAP_PATH", "XDG_CACHE_HOME"
@@ -141,7 +143,7 @@ MOTION, OTHER_MOTION = "dance", "boxing"
 TASKS = "wrists"
 PAPER, FREE, PROVED = "paper", "none", "lookahead"  # constraints
 
-ROBOT_FILE, IMPORT_FILE = "robot.yaml", "import.yaml"
+ROBOT_FILE, IMPORT_FILE, URDF_FILE = "robot.yaml", "import.yaml", "robot.urdf"
 MOTIONS_POINT = "left_elbow"  # as a table of a person's joints calls it
 LAYOUT = "mjlab-npz"  # of a robot's motion
 ROBOT_MOTION = ROOT / "examples" / "g1_boxing.csv"  # of the humanoid
@@ -197,9 +199,7 @@ def leaf(name: str) -> str:
 
 def mistake() -> type[Exception]:
     """What is raised where a user's input is wrong."""
-    from crar_drake import CrarError
-
-    return CrarError
+    return crar_drake.CrarError
 
 
 @dataclass
@@ -236,34 +236,9 @@ class Wired:
 TARGETS = "desired_tasks"
 
 
-def plant_of_the_robot(*, finalized: bool = True) -> Wired:
-    """The built-in robot in a plant of 1 ms."""
-    wired = put_in_plant(BUILT_IN)
-    if finalized:
-        wired.plant.Finalize()
-    return wired
-
-
-def wire(wired: Wired, *points: str, **parameters: object) -> Wired:
-    """Adds a controller whose tasks are positions of points."""
-    from crar_drake import AddCrarController, CrarParameters, position_tasks
-
-    wired.controller = AddCrarController(
-        wired.builder,
-        wired.plant,
-        wired.scene_graph,
-        wired.robot,
-        position_tasks(list(points or [POINT])),
-        CrarParameters(**parameters),
-    )
-    return wired
-
-
 def add_the_robot_too_late() -> None:
     """Adds a robot to a plant that is finalized."""
-    from crar_drake import AddRobot
-
-    AddRobot(plant_of_the_robot().plant, BUILT_IN)
+    crar_drake.AddRobot(put_in_plant(finalized=True).plant, BUILT_IN)
 
 
 def simulate(wired: Wired, given: dict[str, tuple[Any, Any]], duration: float) -> Any:
@@ -281,9 +256,7 @@ def simulate(wired: Wired, given: dict[str, tuple[Any, Any]], duration: float) -
 
 def load_robot(name: str) -> Any:
     """A robot's description."""
-    from crar_drake import load_robot_description
-
-    return load_robot_description(name)
+    return crar_drake.load_robot_description(name)
 
 
 def point_links(robot: str) -> dict[str, str]:
@@ -321,46 +294,29 @@ PAGE_SEEK, PAGE_STOP = "crar.seek({})", "crar.play(false)"
 
 @dataclass(frozen=True)
 class Log:
-    """A run's log: T samples.
+    """A run's log: T samples."""
 
-    Attributes:
-        time: (T,) [s].
-        q, v, commanded: (T, n) positions, velocities, commanded accelerations.
-        efforts: (T, m) of the motors [Nm or N].
-        targets, errors: point -> (T, 3) where it should be, and by how much it is not
-            there [m], of points that have a place.
-        turns: point -> (T, 3) error of its orientation [rad], of those that have one.
-        distances: (T, P) of watched pairs [m].
-        joints, motors, controlled: names of the columns of q, of efforts, and of the
-            joints that the law moves.
-        pairs: (P,) "link - link".
-        lower, upper, speeds: (n,) limits.
-        scenario: its text.
-    """
-
-    time: Any
-    q: Any
-    v: Any
-    commanded: Any
-    efforts: Any
-    targets: dict[str, Any]
-    errors: dict[str, Any]
-    turns: dict[str, Any]
-    distances: Any
-    joints: list[str]
-    motors: list[str]
-    controlled: list[str]
-    pairs: list[str]
-    lower: Any
+    time: Any  # (T,) [s]
+    q: Any  # (T, n) positions
+    v: Any  # (T, n) velocities
+    commanded: Any  # (T, n) accelerations
+    efforts: Any  # (T, m) of the motors [Nm or N]
+    targets: dict[str, Any]  # point that has a place -> (T, 3) where it should be [m]
+    errors: dict[str, Any]  # and by how much it is not there
+    turns: dict[str, Any]  # point -> (T, 3) error of its orientation, if any [rad]
+    distances: Any  # (T, P) of watched pairs [m]
+    joints: list[str]  # of the columns of q
+    motors: list[str]  # of the columns of efforts
+    controlled: list[str]  # joints that the law moves
+    pairs: list[str]  # (P,) "link - link"
+    lower: Any  # (n,) limits
     upper: Any
     speeds: Any
-    scenario: str
+    scenario: str  # its text
 
 
 def read_log(path: Path) -> Log:
     """Reads a log as the NumPy archive that the guide says it is."""
-    import numpy as np
-
     with np.load(path) as archive:
         log = {name: archive[name] for name in archive.files}
     targets, errors, turns, row, entry = {}, {}, {}, 0, 0
@@ -495,19 +451,12 @@ ANSWER_HAS = {"positions", "torques"}
 
 @dataclass(frozen=True)
 class Frame:
-    """What the page of a live run shows.
+    """What the page of a live run shows."""
 
-    Attributes:
-        number: of the frame.
-        time: simulated [s].
-        targets: places of the points' targets [m].
-        drags: by how much they were dragged.
-    """
-
-    number: int
-    time: float
-    targets: list[list[float]]
-    drags: list[list[float]]
+    number: int  # of the frame
+    time: float  # simulated [s]
+    targets: list[list[float]]  # places of the points' targets [m]
+    drags: list[list[float]]  # by how much they were dragged
 
 
 def next_frame(url: str, after: int = 0) -> Frame:
@@ -542,18 +491,11 @@ def _ask(url: str, what: dict[str, object]) -> None:
 
 @dataclass(frozen=True)
 class Rule:
-    """What becomes of a command in a page.
+    """What becomes of a command in a page."""
 
-    Attributes:
-        begins: a regular expression for the command, with what it begins.
-        more: words that make it short, for one that is run here; else None.
-        elsewhere: the test of the suite that does what the command does, or why it is
-            parsed only.
-    """
-
-    begins: str
-    more: tuple[str, ...] | None = None
-    elsewhere: str = ""
+    begins: str  # a regular expression for the command, with what it begins
+    more: tuple[str, ...] | None = None  # words that make it short, if it is run here
+    elsewhere: str = ""  # the test that does what it does, or why it is parsed only
 
 
 _SHORT = ("--duration", "0.05", "--no-recording")
@@ -588,12 +530,9 @@ PAGE_CODES = {"VIOLATED": VIOLATED, "exit code 1": VIOLATED}
 
 def parse_error(words: list[str]) -> str:
     """What the product's own parser says against a command line; "" if nothing."""
-    from crar_drake import CrarError
-    from crar_drake.commands import make_parser, parse
-
     try:
-        parse(make_parser(), words)
-    except CrarError as error:
+        crar_drake.commands.parse(crar_drake.commands.make_parser(), words)
+    except crar_drake.CrarError as error:
         return str(error)
     return ""
 
@@ -612,126 +551,73 @@ SNIPPET_TEXTS = {
 class Given:
     """What a page's program takes for given: Drake's names, the public ones of the
     product, and a user's plant, robot, targets and the like, which belong together.
-    Each attribute is made when it is asked for."""
-
-    period = 0.02
-    centres = ((1.0, 0.0, 1.0), (0.0, 1.5, 1.0))  # of two persons
+    Each is made when it is asked for."""
 
     def __init__(self, code: str) -> None:
         """
         Args:
             code: of the program, which says what it makes itself.
         """
-        self._code = code
+        self.code = code
 
     def __getattr__(self, name: str) -> Any:
-        import pydrake.geometry
-        import pydrake.math
-        import pydrake.multibody.tree
-        import pydrake.systems.analysis
-        import pydrake.visualization
-
-        import crar_drake
-
+        if name in USERS_OWN:
+            value = USERS_OWN[name](self)
+            setattr(self, name, value)
+            return value
         if name in crar_drake.__all__:
             return getattr(crar_drake, name)
-        for module in (
-            *(pydrake.geometry, pydrake.math, pydrake.multibody.tree),
-            *(pydrake.systems.analysis, pydrake.visualization),
-        ):
-            if hasattr(module, name):
+        if name in LIBRARIES:
+            return LIBRARIES[name]
+        for module in OF_DRAKE:
+            if hasattr(module := importlib.import_module(f"pydrake.{module}"), name):
                 return getattr(module, name)
-        known = {"dataclasses": dataclasses, "Path": Path, "json": json}
-        known |= {"socket": socket}
-        if name not in known:
-            raise AttributeError(name)
-        return known[name]
+        raise AttributeError(name)
 
-    @functools.cached_property
-    def _wired(self) -> Wired:
-        if "AddRobot" in self._code:
-            return empty_plant()
-        if "model_instance=arm" in self._code:
-            return robot_by_its_own_file()
-        return plant_of_the_robot(finalized="Finalize" not in self._code)
 
-    @property
-    def builder(self) -> Any:
-        return self._wired.builder
+LIBRARIES = {"dataclasses": dataclasses, "Path": Path, "json": json, "socket": socket}
+OF_DRAKE = ("geometry", "math", "multibody.tree", "systems.analysis", "visualization")
 
-    @property
-    def plant(self) -> Any:
-        return self._wired.plant
 
-    @property
-    def scene_graph(self) -> Any:
-        return self._wired.scene_graph
+def _wired(given: Given) -> Wired:
+    if "AddRobot" in given.code:
+        return empty_plant()
+    if "model_instance=arm" in given.code:
+        return robot_by_its_own_file()
+    return put_in_plant(finalized="Finalize" not in given.code)
 
-    @property
-    def robot(self) -> Any:
-        return self._wired.robot
 
-    arm = robot  # its instance, of a robot by its own file
+def _context(given: Given) -> Any:
+    controller = given.controller  # which is added to the diagram first
+    root = simulate(given.wired, given.wired.ports(), 0.01)
+    return controller.GetMyContextFromRoot(root)
 
-    @functools.cached_property
-    def tasks(self) -> Any:
-        from crar_drake import position_tasks
 
-        return position_tasks([POINT])
-
-    @functools.cached_property
-    def parameters(self) -> Any:
-        from crar_drake import CrarParameters
-
-        return CrarParameters()
-
-    @functools.cached_property
-    def controller(self) -> Any:
-        return wire(self._wired).controller
-
-    @property
-    def model(self) -> Any:
-        return self.controller.model
-
-    @functools.cached_property
-    def context(self) -> Any:
-        self.controller  # noqa: B018, which is added to the diagram
-        root = simulate(self._wired, self._wired.ports(), 0.01)
-        return self.controller.GetMyContextFromRoot(root)
-
-    @property
-    def q(self) -> Any:
-        return self.model.rest_positions()
-
-    @property
-    def v(self) -> Any:
-        return 0.0 * self.q
-
-    @property
-    def desired_tasks(self) -> Any:
-        return self.model.tasks_at(self.q)
-
-    first_tasks = desired_tasks
-
-    @property
-    def desired_prescribed(self) -> Any:
-        return self.model.prescribed_at(self.q)
-
-    @functools.cached_property
-    def filter(self) -> Any:
-        from crar_drake import SafetyFilter
-
-        return SafetyFilter(BUILT_IN, self.period)
-
-    @property
-    def wanted(self) -> Any:
-        return self.filter.model.rest_positions()
-
-    q_measured = wanted
-
-    @property
-    def v_measured(self) -> Any:
-        return 0.0 * self.wanted
+# What a user has, in pages' programs.
+USERS_OWN = {
+    "period": lambda given: 0.02,
+    "centres": lambda given: ((1.0, 0.0, 1.0), (0.0, 1.5, 1.0)),  # of two persons
+    "wired": _wired,
+    "builder": lambda given: given.wired.builder,
+    "plant": lambda given: given.wired.plant,
+    "scene_graph": lambda given: given.wired.scene_graph,
+    "robot": lambda given: given.wired.robot,
+    "arm": lambda given: given.wired.robot,  # its instance, by its own file
+    "tasks": lambda given: tasks_of([("position", POINT)]),
+    "parameters": lambda given: crar_drake.CrarParameters(),
+    "controller": lambda given: add_controller(given.wired).controller,
+    "model": lambda given: given.controller.model,
+    "context": _context,
+    "q": lambda given: given.model.rest_positions(),
+    "v": lambda given: 0.0 * given.q,
+    "desired_tasks": lambda given: given.model.tasks_at(given.q),
+    "first_tasks": lambda given: given.desired_tasks,
+    "desired_prescribed": lambda given: given.model.prescribed_at(given.q),
+    "filter": lambda given: crar_drake.SafetyFilter(BUILT_IN, given.period),
+    "wanted": lambda given: given.filter.model.rest_positions(),
+    "q_measured": lambda given: given.wanted,
+    "v_measured": lambda given: 0.0 * given.wanted,
+}
 
 
 def empty_plant(time_step: float = 1e-3) -> Wired:
@@ -743,7 +629,7 @@ def empty_plant(time_step: float = 1e-3) -> Wired:
     return Wired(builder, *AddMultibodyPlantSceneGraph(builder, time_step), None)
 
 
-def robot_by_its_own_file() -> Wired:
+def robot_by_its_own_file(*, finalized: bool = True) -> Wired:
     """The built-in robot by Drake's parser, in a plant; its instance is its robot."""
     from pydrake.multibody.parsing import Parser
 
@@ -751,14 +637,14 @@ def robot_by_its_own_file() -> Wired:
     (wired.robot,) = Parser(wired.plant).AddModels(str(of.file))
     base = wired.plant.GetFrameByName(of.base)
     wired.plant.WeldFrames(wired.plant.world_frame(), base)
-    wired.plant.Finalize()
+    if finalized:
+        wired.plant.Finalize()
     return wired
 
 
 def yaml_error(text: str, folder: Path) -> str:
     """What is wrong with YAML of a page, as a scenario, a robot's file or a table of a
     person's joints, or a part of them: what each of them says; "" if one takes it."""
-    from crar_drake import CrarError, load_robot_description, load_scenario
     from crar_drake.motion.joint_names import load_joint_file
 
     whole = yaml.safe_load((robot_folder(BUILT_IN) / ROBOT_FILE).read_text())
@@ -770,8 +656,8 @@ def yaml_error(text: str, folder: Path) -> str:
         load_joint_file(str(path), list(map(str, told.values())))
 
     for load, around in (
-        (load_scenario, scenario_part),
-        (load_robot_description, whole),
+        (crar_drake.load_scenario, scenario_part),
+        (crar_drake.load_robot_description, whole),
         (load_joints, {}),
     ):
         path = folder / ROBOT_FILE
@@ -779,7 +665,7 @@ def yaml_error(text: str, folder: Path) -> str:
         (folder / whole["model"]).touch()
         try:
             load(path)
-        except CrarError as error:
+        except crar_drake.CrarError as error:
             said.append(str(error))
         else:
             return ""
@@ -801,23 +687,15 @@ HAND_SETS = {  # the paper's experiments: points that are tracked
 
 @dataclass(frozen=True)
 class RobotFacts:
-    """What a robot's description says, for a judge who reads its model file.
+    """What a robot's description says, for a judge who reads its model file."""
 
-    Attributes:
-        file: of the model.
-        base: the link that stands at `place` [m], turned by `turn` (roll, pitch, yaw).
-        pairs: of links that are watched.
-        prescribed: joints whose motion is given.
-        soles: link to the corners of its sole, in its frame [m].
-    """
-
-    file: Path
-    base: str
-    place: tuple[float, ...]
-    turn: tuple[float, ...]
-    pairs: tuple[tuple[str, str], ...]
-    prescribed: tuple[str, ...]
-    soles: dict[str, list[list[float]]]
+    file: Path  # of the model
+    base: str  # the link that stands there:
+    place: tuple[float, ...]  # [m]
+    turn: tuple[float, ...]  # roll, pitch, yaw [rad]
+    pairs: tuple[tuple[str, str], ...]  # of links that are watched
+    prescribed: tuple[str, ...]  # joints whose motion is given
+    soles: dict[str, list[list[float]]]  # link -> corners of its sole, in its frame [m]
 
 
 def facts(robot: str | Path, *, stands: bool = False) -> RobotFacts:
@@ -836,10 +714,8 @@ def facts(robot: str | Path, *, stands: bool = False) -> RobotFacts:
 
 
 def _described(robot: str | Path, stands: bool) -> Any:
-    from crar_drake import load_robot_description, standing_description
-
-    told = load_robot_description(robot)
-    return standing_description(told) if stands else told
+    told = crar_drake.load_robot_description(robot)
+    return crar_drake.standing_description(told) if stands else told
 
 
 def write_robot(
@@ -862,13 +738,11 @@ def write_robot(
         prescribed: joints that stay, or are moved by somebody else.
         floats: whether the base is not welded to the world.
     """
-    import yaml
-
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "robot.urdf").write_text(urdf)
+    (folder / URDF_FILE).write_text(urdf)
     told = {
         "name": "own",
-        "model": "robot.urdf",
+        "model": URDF_FILE,
         "base": base,
         "root_pose": {"xyz": list(map(float, place))},
         "prescribed_joints": dict.fromkeys(prescribed, "hold"),
@@ -891,39 +765,24 @@ def links_of(robot: str | Path, points: list[str]) -> list[str]:
 
 def points_of(name: str) -> list[str]:
     """The points of one of HAND_SETS."""
-    from crar_drake import EXPERIMENTS
-
-    return list(EXPERIMENTS[HAND_SETS[name]])
+    return list(crar_drake.EXPERIMENTS[HAND_SETS[name]])
 
 
 @dataclass(frozen=True)
 class LawStep:
-    """A step of a law.
+    """A step of a law."""
 
-    Attributes:
-        a: (n,) commanded accelerations of all joints, held for a period.
-        next_q, next_v: (n,) the state that they lead to.
-        torques: (n,) of the motors, by joint.
-        clipped: by which share of its limit a motor's torque was beyond it [1].
-        braking: whether the robot brakes since targets are no numbers.
-        as_desired: whether the nominal step was taken as it was.
-        blocked: the sphere that it runs into and the link, or None.
-        distances: (P,) of the watched pairs [m].
-        dq: (n_c,) the paper's constrained velocities of the controlled joints.
-        weights: (n_c,) the paper's W.
-    """
-
-    a: Any
-    next_q: Any
+    a: Any  # (n,) commanded accelerations of all joints, held for a period
+    next_q: Any  # (n,) the state that they lead to
     next_v: Any
-    torques: Any
-    clipped: float
-    braking: bool
-    as_desired: bool
-    blocked: tuple[str, str] | None
-    distances: Any
-    dq: Any
-    weights: Any
+    torques: Any  # (n,) of the motors, by joint
+    clipped: float  # by which share of its limit a motor's torque was beyond it [1]
+    braking: bool  # since targets are no numbers
+    as_desired: bool  # whether the nominal step was taken as it was
+    blocked: tuple[str, str] | None  # the sphere that it runs into and the link
+    distances: Any  # (P,) of the watched pairs [m]
+    dq: Any  # (n_c,) the paper's constrained velocities of the controlled joints
+    weights: Any  # (n_c,) the paper's W
 
 
 class Law:
@@ -963,19 +822,11 @@ class Law:
             tracking_error: how far joints may be from their commands [rad or m].
             blend: onto targets, in seconds; by default the product's.
         """
-        from crar_drake import (
-            BalanceParameters,
-            ControlLaw,
-            ControlModel,
-            CrarParameters,
-            LookaheadParameters,
-            position_tasks,
-        )
-
         told = _described(robot, stands)
         by = "scene_graph" if paper else "closed_form"
-        model = ControlModel.FromDescription(
-            told, position_tasks(points), time_step=plant_step, distances=by
+        tasks = tasks_of([("position", point) for point in points])
+        model = crar_drake.ControlModel.FromDescription(
+            told, tasks, time_step=plant_step, distances=by
         )
         given: dict[str, Any] = {"period": period, "distances": by}
         if not motors:
@@ -983,12 +834,14 @@ class Law:
         if paper:
             given |= {"constraints": PAPER, "level": paper}
         elif tracking_error:
-            given["lookahead"] = LookaheadParameters(tracking_error=tracking_error)
+            given["lookahead"] = crar_drake.LookaheadParameters(
+                tracking_error=tracking_error
+            )
         if balance:
-            given["balance"] = BalanceParameters()
+            given["balance"] = crar_drake.BalanceParameters()
         if blend is not None:
             given["blend_time"] = blend
-        self._law = ControlLaw(model, CrarParameters(**given))
+        self._law = crar_drake.ControlLaw(model, crar_drake.CrarParameters(**given))
         self._model = model
         self.period = period
         self.joints = list(model.position_names)
@@ -1023,8 +876,6 @@ class Law:
             prescribed: (3, n_p) positions, velocities and accelerations of prescribed
                 joints; by default they stay where they are at rest.
         """
-        import numpy as np
-
         model = self._model
         at = np.broadcast_to(np.zeros((0, 3, 3)), (0, 3, 3))
         rates, accelerations = (
@@ -1065,9 +916,7 @@ class Spheres:
     names: tuple[str, ...] | None = None
 
     def made(self) -> Any:
-        from crar_drake import Obstacles
-
-        return Obstacles(self.centres, self.radii, self.speeds, self.names)
+        return crar_drake.Obstacles(self.centres, self.radii, self.speeds, self.names)
 
 
 # Why a joint command is not passed on.
@@ -1077,36 +926,22 @@ SPHERE, RETURNING, NO_NUMBER = "obstacle", "catching up", "no number"
 
 @dataclass(frozen=True)
 class FilterStep:
-    """What became of a desired joint command.
+    """What became of a desired joint command."""
 
-    Attributes:
-        q, v, a: (n,) the state a period later, and the acceleration until then.
-        passed: whether the command is the desired one, bit by bit.
-        braking: whether nothing is left but to brake.
-        why: one of the reasons above, or "".
-        pair, joint: what it is about, or None.
-        safe_start: whether the step began with a braking path that is free.
-        clearance: no watched distance is smaller on the next braking path [m].
-        blocked: the sphere that it runs into and the link, or None.
-        too_fast: names of spheres that broke the bound of their speed.
-        error: the largest difference of a measured joint from the command before.
-        error_joint: of which joint.
-    """
-
-    q: Any
+    q: Any  # (n,) the state a period later
     v: Any
-    a: Any
-    passed: bool
-    braking: bool
-    why: str
-    pair: tuple[str, str] | None
+    a: Any  # (n,) the acceleration until then
+    passed: bool  # whether the command is the desired one, bit by bit
+    braking: bool  # whether nothing is left but to brake
+    why: str  # one of the reasons above, or ""
+    pair: tuple[str, str] | None  # what it is about
     joint: str | None
-    safe_start: bool
-    clearance: float
-    blocked: tuple[str, str] | None
-    too_fast: tuple[str, ...]
-    error: float
-    error_joint: str | None
+    safe_start: bool  # whether the step began with a braking path that is free
+    clearance: float  # no watched distance is smaller on the next braking path [m]
+    blocked: tuple[str, str] | None  # the sphere that it runs into and the link
+    too_fast: tuple[str, ...]  # spheres that broke the bound of their speed
+    error: float  # the largest difference of a measured joint from the command before
+    error_joint: str | None  # of which joint
 
 
 class JointFilter:
@@ -1136,16 +971,12 @@ class JointFilter:
             tracking_error: how far joints may be from their commands [rad or m].
             evade: whether links get out of the way of spheres.
         """
-        from dataclasses import replace
-
-        from crar_drake import SafetyFilter, filter_parameters
-
-        chosen = filter_parameters(period)
-        if tracking_error:
-            chosen = replace(chosen, tracking_error=tracking_error)
-        if evade:
-            chosen = replace(chosen, evade=True)
-        self._filter = made = SafetyFilter(
+        chosen = dataclasses.replace(
+            crar_drake.filter_parameters(period),
+            **({"tracking_error": tracking_error} if tracking_error else {}),
+            **({"evade": True} if evade else {}),
+        )
+        self._filter = made = crar_drake.SafetyFilter(
             robot, period, chosen, effort_limits=motors, velocity_limits=speeds
         )
         self.joints = list(made.joint_names)
@@ -1204,14 +1035,10 @@ def persons_targets(
         (K, 3, P, 3) positions, velocities and accelerations of points, and (K, 3, n_p)
         of prescribed joints.
     """
-    import numpy as np
-
-    from crar_drake import MakeCrarDiagram, load_scenario
-
     path = folder / "clip.yaml"
     tasks = HAND_SETS[points]
     path.write_text(scenario(robot=BUILT_IN, motion=f"cmu:{motion}", tasks=tasks))
-    diagram = MakeCrarDiagram(load_scenario(path))
+    diagram = diagram_of(path)
 
     def sampled(name: str) -> Any:
         source = diagram.GetSubsystemByName(name)
@@ -1286,12 +1113,14 @@ DIAGRAM_OUTPUTS = {"state": "state", "shapes": "query", "targets": "desired_task
 Task = tuple[str, str]  # "position", "orientation", "pose" or "joint", and of what
 
 
-def put_in_plant(robot: str, time_step: float = 1e-3) -> Wired:
-    """A shipped robot in a plant that is not finalized."""
-    from crar_drake import AddRobot
-
+def put_in_plant(
+    robot: str = BUILT_IN, time_step: float = 1e-3, *, finalized: bool = False
+) -> Wired:
+    """A shipped robot in a plant."""
     wired = empty_plant(time_step)
-    wired.robot = AddRobot(wired.plant, robot)
+    wired.robot = crar_drake.AddRobot(wired.plant, robot)
+    if finalized:
+        wired.plant.Finalize()
     return wired
 
 
@@ -1314,47 +1143,41 @@ def watch(wired: Wired, pairs: list[tuple[str, str]]) -> None:
 
 def tasks_of(tasks: list[Task]) -> list[Any]:
     """The product's own records of tasks."""
-    from crar_drake import Task
-
     return [
-        Task(kind=kind, **{"joint" if kind == "joint" else "frame": name})
+        crar_drake.Task(kind=kind, **{"joint" if kind == "joint" else "frame": name})
         for kind, name in tasks
     ]
 
 
 def add_controller(
     wired: Wired,
-    tasks: list[Task],
+    tasks: list[Task] | None = None,
     *,
-    period: float | None = None,
     sphere_speeds: list[float] | None = None,
     own_model: bool = False,
-) -> None:
+    **parameters: object,
+) -> Wired:
     """Adds a controller beside a plant, once that is finalized.
 
     Args:
-        period: by default the product's [s].
+        tasks: by default a position of POINT.
         sphere_speeds: bounds for what moves by itself [m/s].
         own_model: the robot is by its own file in the plant, among other things;
             the controller computes with the shipped model.
+        parameters: its period [s] and the like, where they are not the product's.
     """
-    from crar_drake import AddCrarController, ControlModel, CrarParameters
-
     given: dict[str, Any] = {"obstacle_speeds": sphere_speeds or ()}
-    robot, of_product = wired.robot, tasks_of(tasks)
+    robot, tasks = wired.robot, tasks_of(tasks or [("position", POINT)])
     if own_model:
         given["model_instance"], robot = robot, load_robot(BUILT_IN)
-        given["control_model"] = ControlModel.FromDescription(robot, of_product)
-    parameters = CrarParameters() if period is None else CrarParameters(period=period)
-    wired.controller = AddCrarController(
-        wired.builder,
-        wired.plant,
-        wired.scene_graph,
-        robot,
-        of_product,
-        parameters,
+        model = crar_drake.ControlModel.FromDescription(robot, tasks)
+        given["control_model"] = model
+    wired.controller = crar_drake.AddCrarController(
+        *(wired.builder, wired.plant, wired.scene_graph, robot, tasks),
+        crar_drake.CrarParameters(**parameters),
         **given,
     )
+    return wired
 
 
 def packed(
@@ -1387,9 +1210,7 @@ def without_diagram(
 ) -> dict[str, Any]:
     """What the law answers in a user's own loop, in place of the controller's outputs:
     all but what is told."""
-    from crar_drake import ControlLaw
-
-    law = ControlLaw(wired.controller.model, wired.controller.law.parameters)
+    law = crar_drake.ControlLaw(wired.controller.model, wired.controller.law.parameters)
     found = law.step(q, v, targets, prescribed)
     return {
         "torques": law.torque(q, v),
@@ -1400,22 +1221,18 @@ def without_diagram(
 
 def start_near(wired: Wired, targets: Any) -> Any:
     """(nq,) a posture to begin in, near targets; prescribed joints as at rest."""
-    from crar_drake import solve_start_pose
-
     model = wired.controller.model
-    return solve_start_pose(model, targets, wired.posture[model.prescribed_positions])
+    still = wired.posture[model.prescribed_positions]
+    return crar_drake.solve_start_pose(model, targets, still)
 
 
 def filter_system(
     robot: str, period: float, sphere_speeds: list[float] | None = None
 ) -> Any:
     """The filter of joint commands as a system of a diagram."""
-    from crar_drake import SafetyFilter, SafetyFilterSystem
-
-    filter = SafetyFilter(robot, period)
-    if sphere_speeds is None:
-        return SafetyFilterSystem(filter)
-    return SafetyFilterSystem(filter, sphere_speeds)
+    speeds = () if sphere_speeds is None else (sphere_speeds,)
+    filter = crar_drake.SafetyFilter(robot, period)
+    return crar_drake.SafetyFilterSystem(filter, *speeds)
 
 
 def filter_told(system: Any, context: Any) -> tuple[bool, str, float]:
@@ -1427,9 +1244,7 @@ def filter_told(system: Any, context: Any) -> tuple[bool, str, float]:
 
 def diagram_of(path: Path) -> Any:
     """The diagram of a scenario's file."""
-    from crar_drake import MakeCrarDiagram, load_scenario
-
-    return MakeCrarDiagram(load_scenario(path))
+    return crar_drake.MakeCrarDiagram(crar_drake.load_scenario(path))
 
 
 # --- whole motions, imports, certificates (section of MOTIONS) ------------------------
@@ -1455,30 +1270,22 @@ LAYOUTS = {
 
 @dataclass(frozen=True)
 class Imported:
-    """What an import has decided, as its files say.
+    """What an import has decided, as its files say."""
 
-    Attributes:
-        joints: the joints that are controlled: lower and upper limit, effort, speed
-            (None: the file has none); rad, Nm and rad/s, or m, N and m/s.
-        points: the person's points that were found ("left wrist") -> link.
-        pairs: pairs of links that are kept apart.
-        base: "floating", "fixed", or "prescribed", which a motion moves about.
-        rest: joint -> where it rests.
-        model: the URDF that was written.
-    """
-
+    # That are controlled: lower and upper limit, effort, speed (None: the file has
+    # none); rad, Nm and rad/s, or m, N and m/s.
     joints: dict[str, tuple[float | None, ...]]
-    points: dict[str, str]
-    pairs: set[frozenset[str]]
-    base: str
-    rest: dict[str, float]
-    model: Path
+    points: dict[str, str]  # the person's that were found ("left wrist") -> link
+    pairs: set[frozenset[str]]  # of links that are kept apart
+    base: str  # "floating", "fixed", or "prescribed", which a motion moves about
+    rest: dict[str, float]  # joint -> where it rests
+    model: Path  # the URDF that was written
 
 
 def imported(folder: Path) -> Imported:
     """Reads the folder of an imported robot."""
-    decided = yaml.safe_load((folder / "import.yaml").read_text())
-    model = folder / "robot.urdf"
+    decided = yaml.safe_load((folder / IMPORT_FILE).read_text())
+    model = folder / URDF_FILE
     joints = {}
     for joint in ElementTree.parse(model).getroot().iter("joint"):
         limit = joint.find("limit")

@@ -11,28 +11,9 @@ import whole_motions
 from whole_motions import STRETCHES, Made
 
 
-@pytest.fixture(scope="module")
-def judge() -> mesh_judge.Robot:
-    return mesh_judge.Robot(mesh_judge.example(whole_motions.G1))
-
-
-@pytest.fixture(scope="module")
-def kept() -> dict[str, Made]:
-    """What is cleaned once for all tests."""
-    return {}
-
-
 @pytest.fixture(params=STRETCHES)
-def made(
-    request: pytest.FixtureRequest,
-    kept: dict[str, Made],
-    humanoid: str,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Made:
-    name = request.param
-    if name not in kept:
-        kept[name] = whole_motions.clean(name, tmp_path_factory.mktemp("clean"))
-    return kept[name]
+def name(request: pytest.FixtureRequest) -> str:
+    return request.param
 
 
 def test_nothing_goes_through_anything(made: Made, judge: mesh_judge.Robot):
@@ -43,23 +24,15 @@ def test_nothing_goes_through_anything(made: Made, judge: mesh_judge.Robot):
     assert not judge.penetrating(made.motion.midway, pairs)
 
 
-def test_limits_are_kept(
-    made: Made, judge: mesh_judge.Robot, request: pytest.FixtureRequest
-):
-    if request.node.callspec.params["made"] == "jumping jack":
+def test_limits_are_kept(made: Made, judge: mesh_judge.Robot, name: str):
+    if name == "jumping jack":
         assert np.any(made.before.joints < judge.lower - 1e-3)
         assert np.any(made.before.joints > judge.upper + 1e-3)
-    q = made.motion.joints
-    assert np.maximum(judge.lower - q, q - judge.upper).max() < 1e-6
-    speeds = np.abs(np.diff(q, axis=0)) * whole_motions.RATE
-    assert (speeds - judge.speed).max() < 1e-6
+    whole_motions.assert_within_limits(made.motion.joints, judge)
 
 
 def test_it_is_what_it_says(made: Made):
-    done = made.finished
-    assert done.code == product.FINE, done.err
-    assert done.out.splitlines()[-1].startswith(product.HOLDS)
-    assert str(made.out) in done.out and product.certificate_of(made.out).is_file()
+    whole_motions.assert_written(made)
 
 
 def test_layout_frames_and_root_stay(made: Made):
@@ -67,11 +40,8 @@ def test_layout_frames_and_root_stay(made: Made):
     np.testing.assert_allclose(made.motion.table[:, :7], made.before.table[:, :7])
 
 
-def test_it_changes_no_more_than_it_did(
-    made: Made, judge: mesh_judge.Robot, request: pytest.FixtureRequest
-):
+def test_it_changes_no_more_than_it_did(made: Made, judge: mesh_judge.Robot, name: str):
     figures = whole_motions.figures_of_cleaned(made, judge)
-    name = request.node.callspec.params["made"]
     record.assert_no_worse("motions", name, figures, whole_motions.UNNOTICED)
 
 

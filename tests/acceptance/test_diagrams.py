@@ -13,7 +13,6 @@ import pytest
 from attacks import judge_of
 from pydrake.geometry import Capsule, ProximityProperties
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
@@ -428,11 +427,7 @@ def test_a_robot_by_its_own_file_is_driven_alike():
     there = []
     for own in (False, True):
         if own:
-            wired = product.empty_plant()
-            told = product.facts(product.BUILT_IN)
-            (wired.robot,) = Parser(wired.plant).AddModels(str(told.file))
-            base = wired.plant.GetFrameByName(told.base)
-            wired.plant.WeldFrames(wired.plant.world_frame(), base)
+            wired = product.robot_by_its_own_file(finalized=False)
             box = wired.plant.AddModelInstance("box")
             inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
             wired.plant.AddRigidBody("box", box, inertia)

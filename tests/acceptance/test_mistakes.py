@@ -232,19 +232,23 @@ def test_a_name_in_a_robots_file_that_the_model_lacks(section: str, folder: Path
 # --- of recordings ----------------------------------------------------------------
 
 
-def test_a_recording_that_is_cut_off(mocap: Path):
-    damaged = mocap / "damaged"
-    words = product.words(
-        "motion", damaged / "truncated_07_12.amc", skeleton=damaged / "07.asf"
-    )
-    refused(words, says=("truncated_07_12.amc:7352", "cut off"))
-
-
-def test_a_skeleton_that_is_wrong(mocap: Path):
-    damaged = mocap / "damaged"
-    motion = damaged / "wrong_bones_for_toy_skeleton.amc"
-    words = product.words("motion", motion, skeleton=damaged / "toy_skeleton.asf")
-    refused(words, says=("toy_skeleton.asf:19", "lhipjoint", "remove"))
+@pytest.mark.parametrize(
+    "motion, skeleton, says",
+    [
+        ("truncated_07_12.amc", "07.asf", ("truncated_07_12.amc:7352", "cut off")),
+        (
+            "wrong_bones_for_toy_skeleton.amc",
+            "toy_skeleton.asf",
+            ("toy_skeleton.asf:19", "lhipjoint", "remove"),
+        ),
+    ],
+)
+def test_a_recording_that_is_damaged(
+    mocap: Path, motion: str, skeleton: str, says: tuple[str, ...]
+):
+    folder = mocap / "damaged"
+    words = product.words("motion", folder / motion, skeleton=folder / skeleton)
+    refused(words, says=says)
 
 
 def test_a_skeleton_that_is_missing(mocap: Path, folder: Path):
@@ -330,7 +334,7 @@ def test_files_of_a_robots_motion(humanoid: str, folder: Path):
 
 
 def test_a_port_that_nothing_is_connected_to():
-    wired = product.wire(product.plant_of_the_robot())
+    wired = with_controller()
     ports = wired.ports()
     del ports[product.TARGETS]
     with pytest.raises(product.mistake(), match=f"{product.TARGETS}.*not connected"):
@@ -338,55 +342,46 @@ def test_a_port_that_nothing_is_connected_to():
 
 
 def test_a_port_and_numbers_of_another_size():
-    wired = product.wire(product.plant_of_the_robot())
+    wired = with_controller()
     port, value = wired.ports()[product.TARGETS]
     # Drake's own words; ours is the name.
     with pytest.raises(RuntimeError, match=f"{product.TARGETS}.*{len(value)}"):
         product.simulate(wired, {product.TARGETS: (port, value[:-1])}, 0.01)
 
 
-def unfinalized() -> None:
-    product.wire(product.plant_of_the_robot(finalized=False))
+def with_controller(*points: str, finalized: bool = True, **more) -> product.Wired:
+    """The built-in robot in a plant, and a controller of positions of points."""
+    tasks = [("position", point) for point in points]
+    wired = product.put_in_plant(finalized=finalized)
+    return product.add_controller(wired, tasks, **more)
 
 
-def point_of_no_robot() -> None:
-    product.wire(product.plant_of_the_robot(), misspelt(product.POINT))
-
-
-def point_twice() -> None:
-    product.wire(product.plant_of_the_robot(), product.POINT, product.POINT)
-
-
-def period_below_0() -> None:
-    product.wire(product.plant_of_the_robot(), **{PERIOD: -1.0})
-
-
-def posture_too_short() -> None:
-    product.JointFilter(product.BUILT_IN, 0.01).step(np.zeros(3))
-
-
-def joint_of_no_robot() -> None:
-    guard = product.JointFilter(product.BUILT_IN, 0.01)
-    guard.step({misspelt(product.JOINT): 0.1})
-
-
-def robot_of_no_name() -> None:
-    product.load_robot(misspelt(product.BUILT_IN))
+def joint_filter() -> product.JointFilter:
+    return product.JointFilter(product.BUILT_IN, 0.01)
 
 
 @pytest.mark.parametrize(
     "program, says",
     [
-        (unfinalized, "Finalize"),
+        (lambda: with_controller(finalized=False), "Finalize"),
         (product.add_the_robot_too_late, "before"),
-        (point_of_no_robot, f"{misspelt(product.POINT)}.*mean '{product.POINT}'"),
-        (point_twice, f"{product.POINT}.*apart"),
-        (period_below_0, f"{PERIOD}.*-1.*positive"),
-        (posture_too_short, r"\(3,\).*must be \(14,\)"),
-        (joint_of_no_robot, f"{misspelt(product.JOINT)}.*mean '{product.JOINT}'"),
-        (robot_of_no_name, f"mean '{product.BUILT_IN}'"),
+        (
+            lambda: with_controller(misspelt(product.POINT)),
+            f"{misspelt(product.POINT)}.*mean '{product.POINT}'",
+        ),
+        (lambda: with_controller(*[product.POINT] * 2), f"{product.POINT}.*apart"),
+        (lambda: with_controller(**{PERIOD: -1.0}), f"{PERIOD}.*-1.*positive"),
+        (lambda: joint_filter().step(np.zeros(3)), r"\(3,\).*must be \(14,\)"),
+        (
+            lambda: joint_filter().step({misspelt(product.JOINT): 0.1}),
+            f"{misspelt(product.JOINT)}.*mean '{product.JOINT}'",
+        ),
+        (
+            lambda: product.load_robot(misspelt(product.BUILT_IN)),
+            f"mean '{product.BUILT_IN}'",
+        ),
     ],
 )
-def test_a_program_that_is_wrong(program: Callable[[], None], says: str):
+def test_a_program_that_is_wrong(program: Callable[[], object], says: str):
     with pytest.raises(product.mistake(), match=says):
         program()

@@ -13,38 +13,14 @@ from scipy.spatial.transform import Rotation
 from whole_motions import PERSONS, Made, Motion
 
 
-@pytest.fixture(scope="module")
-def judge() -> mesh_judge.Robot:
-    return mesh_judge.Robot(mesh_judge.example(whole_motions.G1))
-
-
-@pytest.fixture(scope="module")
-def kept() -> dict[str, Made]:
-    """What is retargeted once for all tests."""
-    return {}
-
-
 @pytest.fixture(params=PERSONS)
-def made(
-    request: pytest.FixtureRequest,
-    kept: dict[str, Made],
-    humanoid: str,
-    mocap: Path,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Made:
-    name = request.param
-    if name not in kept:
-        folder = tmp_path_factory.mktemp("retarget")
-        kept[name] = whole_motions.retarget(name, mocap, folder)
-    return kept[name]
+def name(request: pytest.FixtureRequest) -> str:
+    return request.param
 
 
-def test_it_is_what_it_says(made: Made, request: pytest.FixtureRequest):
-    done = made.finished
-    assert done.code == product.FINE, done.err
-    assert done.out.splitlines()[-1].startswith(product.HOLDS)
-    assert str(made.out) in done.out and product.certificate_of(made.out).is_file()
-    _, first, last, _ = PERSONS[request.node.callspec.params["made"]]
+def test_it_is_what_it_says(made: Made, name: str):
+    whole_motions.assert_written(made)
+    _, first, last, _ = PERSONS[name]
     assert len(made.motion.table) == (last - first) // 4 + 1
 
 
@@ -56,19 +32,15 @@ def test_nothing_goes_through_anything(made: Made, judge: mesh_judge.Robot):
 
 
 def test_limits_and_floor_are_kept(made: Made, judge: mesh_judge.Robot):
-    q = made.motion.joints
-    assert np.maximum(judge.lower - q, q - judge.upper).max() < 1e-6
-    speeds = np.abs(np.diff(q, axis=0)) * whole_motions.RATE
-    assert (speeds - judge.speed).max() < 1e-6
-    lowest = judge.lowest(judge.poses(q, made.motion.X_WR))
+    whole_motions.assert_within_limits(made.motion.joints, judge)
+    lowest = judge.lowest(judge.poses(made.motion.joints, made.motion.X_WR))
     assert lowest.min() > -whole_motions.BELOW_FLOOR
 
 
 def test_it_moves_like_the_person_as_it_did(
-    made: Made, judge: mesh_judge.Robot, request: pytest.FixtureRequest
+    made: Made, judge: mesh_judge.Robot, name: str
 ):
     figures = whole_motions.figures_of_retargeted(made, judge)
-    name = request.node.callspec.params["made"]
     record.assert_no_worse("motions", name, figures, whole_motions.UNNOTICED)
 
 

@@ -14,7 +14,7 @@ import matplotlib.image
 import numpy as np
 import product
 import pytest
-from judges import RobotJudge
+from attacks import judge_of
 
 PATIENCE = 300.0  # for an answer, on a computer that does other things, too [s]
 TIGHT = dict(rtol=1e-9, atol=1e-12)  # of the same sum, in another order
@@ -148,12 +148,6 @@ def test_its_log_is_of_the_robots_own_file(run: Run):
     step = np.diff(log.time)[:, None]
     travel = np.abs(np.diff(log.q, axis=0) / step - log.v[1:])
     assert travel.max() < 0.05 + np.abs(np.diff(log.v, axis=0)).max()
-
-
-def judge_of(robot: str) -> RobotJudge:
-    """A judge of the robot's own file."""
-    of = product.facts(robot)
-    return RobotJudge(of.file, of.pairs, base=of.base, place=of.place, turn=of.turn)
 
 
 def test_its_plot_shows_something(run: Run):

@@ -213,6 +213,24 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+# --- what holds of all that is written ------------------------------------------------
+
+
+def assert_written(made: Made) -> None:
+    """The command says that all is well, and where file and certificate are."""
+    done = made.finished
+    assert done.code == product.FINE, done.err
+    assert done.out.splitlines()[-1].startswith(product.HOLDS)
+    assert str(made.out) in done.out and product.certificate_of(made.out).is_file()
+
+
+def assert_within_limits(q: np.ndarray, judge: mesh_judge.Robot) -> None:
+    """Of positions and of speeds."""
+    assert np.maximum(judge.lower - q, q - judge.upper).max() < 1e-6
+    speeds = np.abs(np.diff(q, axis=0)) * RATE
+    assert (speeds - judge.speed).max() < 1e-6
+
+
 # --- cutting persons' files -----------------------------------------------------------
 
 

@@ -14,8 +14,6 @@ from benchmarks.adversary.cases import (
     make_cases,
 )
 from benchmarks.adversary.judge import (
-    box_distances,
-    segment_distances,
     segments_to_boxes,
     segments_to_hull,
 )
@@ -99,49 +97,9 @@ def test_judge_agrees_with_scene_graph_on_robots_that_are_drawn(kind):
     assert len(ours) > 3000 and (boxes > 30) == (kind == "boxes")
 
 
-def test_distances_of_boxes_that_meet_or_touch():
-    """By hand, and of segments by brute force."""
-    unit = np.eye(3)[None], np.full((1, 3), 0.5)
-    for middle, expected in (
-        ((1.5, 0.0, 0.0), 0.5),
-        ((1.5, 1.5, 0.0), np.sqrt(0.5)),
-        ((0.9, 0.2, 0.1), -0.1),
-        ((0.0, 0.0, 0.0), -1.0),
-    ):
-        d = box_distances((np.zeros((1, 3)), *unit), (np.array([middle]), *unit))
-        np.testing.assert_allclose(d, expected, atol=1e-12)
-    rng = np.random.default_rng(8)
-    p0, p1 = rng.normal(size=(2, 300, 3))
-    half = rng.uniform(0.05, 0.8, (300, 3))
-    s = np.linspace(0.0, 1.0, 2001)[:, None]
-    x = p0[:, None] + s * (p1 - p0)[:, None]
-    out = np.abs(x) - half[:, None]
-    brute = np.linalg.norm(np.maximum(out, 0.0), axis=2).min(axis=1)
-    d = segments_to_boxes(p0, p1, half)
-    assert (d <= brute + 1e-12).all() and (brute - d).max() < 5e-3
-    assert (d == 0.0).any() and (d > 0.1).any()
-
-
 def shapes(model, name):
     body = find_body(model.plant, name)
     return model.plant.GetCollisionGeometriesForBody(body)
-
-
-def test_distances_of_segments_in_their_special_cases():
-    """Crossing, parallel, in line, a point, and nearly parallel, by hand."""
-    cases = [
-        # a0, a1, b0, b1, distance
-        ((-1, 0, 0), (1, 0, 0), (0, -1, 0.3), (0, 1, 0.3), 0.3),
-        ((0, 0, 0), (1, 0, 0), (0.5, 0.2, 0), (2, 0.2, 0), 0.2),
-        ((0, 0, 0), (1, 0, 0), (1.5, 0, 0), (2, 0, 0), 0.5),
-        ((0, 0, 0), (0, 0, 0), (3, 4, 0), (3, 4, 0), 5.0),
-        ((0.5, 1, 0), (0.5, 1, 0), (0, 0, 0), (1, 0, 0), 1.0),
-        ((0, 0, 0), (1, 0, 0), (0, 0.1, 0), (1, 0.1 + 1e-8, 0), 0.1),
-        ((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), 0.0),
-    ]
-    ends = [np.array([case[i] for case in cases], dtype=float) for i in range(4)]
-    expected = np.array([case[4] for case in cases])
-    np.testing.assert_allclose(segment_distances(*ends), expected, atol=1e-7)
 
 
 def test_judge_counts_states_limits_speeds_and_paths():
@@ -326,14 +284,6 @@ def test_a_law_that_keeps_the_invariant_passes(attack, monkeypatch):
     assert not result.error and not result.unsafe, result
     assert result.steps >= 150 and result.paths > 10
     assert any(held_back) or attack == "wild"  # the attack was one
-
-
-def test_a_case_gives_the_same_figures_alone_and_again():
-    case = Case("jaw", "search", 0.02, steps=60)
-    first, second = run_case(case), run_case(case)
-    assert first.episodes == 4
-    first.wall = second.wall = 0.0
-    assert first == second
 
 
 def run(tmp_path, *more):

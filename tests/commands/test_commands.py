@@ -20,10 +20,7 @@ from crar_drake.commands import main, make_parser, options, parse
 from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import LEVELS
 from crar_drake.errors import ScenarioError
-from crar_drake.motion.catalogue import load_performer
-from crar_drake.motion.report import inspect
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.summary import summarize
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.scenario import parse_scenario, scenario_names
 
@@ -56,95 +53,6 @@ def refused(capsys, *argv: str) -> str:
 # --- run --------------------------------------------------------------------------
 
 
-def test_run_writes_log_summary_and_plot_that_agree(empty_folder, capsys):
-    argv = ["run", "dance_wrists", "--duration", "0.3", "--out", "here/it is"]
-    assert main([*argv, "--no-recording"]) == 0
-    out = empty_folder / "here/it is"
-    assert names(out) == FILES
-
-    log = SimulationLog.load(out / "log.npz")
-    np.testing.assert_allclose(log.time, np.arange(301) * 1e-3, atol=1e-9)
-    assert log.q.shape == log.v.shape == log.desired_acceleration.shape == (301, 14)
-    assert log.actuation.shape == (301, 14)
-    assert log.task_error.shape == (301, 6)
-    assert log.desired_tasks.shape == (301, 18)
-    assert log.signed_distances.shape == (301, 30) == (301, len(log.pair_names))
-    assert log.constraint_weights.shape == (301, 11) == (301, len(log.controlled_names))
-    assert log.task_names.tolist() == ["left_wrist", "right_wrist"]
-    assert log.lower[log.position_names == "waist_x"] == -np.inf
-    roll = log.position_names.tolist().index("torso_roll")
-    assert log.upper[roll] == -log.lower[roll] == pytest.approx(np.radians(30.0))
-    assert "left_hand - torso" in log.pair_names
-    # The velocities are those of the positions, and reach what was commanded.
-    np.testing.assert_allclose(np.diff(log.q, axis=0), 1e-3 * log.v[1:], atol=1e-9)
-    np.testing.assert_allclose(
-        np.diff(log.v, axis=0), 1e-3 * log.desired_acceleration[:-1], atol=1e-6
-    )
-
-    summary = json.loads((out / "summary.json").read_text())
-    assert summary["duration"] == pytest.approx(0.3)
-    assert summary["samples"] == 301
-    assert summary["smallest_distance"] == log.signed_distances.min()
-    error = log.task_error.reshape(301, 2, 3)
-    assert summary["rms_task_error"] == pytest.approx(
-        np.sqrt(np.mean(np.sum(error**2, axis=2)))
-    )
-    wall_time = summary["wall_time"]
-    assert 0.0 < wall_time < 60.0
-    assert summary["real_time_factor"] == pytest.approx(0.3 / wall_time)
-    report = inspect(load_performer("dance"))
-    again = summarize(log, wall_time, motion=report, warnings=summary["warnings"])
-    assert summary == json.loads(again.to_json())
-    assert (summary["frame_rate"], summary["frame_rate_source"]) == (60.0, "file")
-    assert summary["motion_findings"] == summary["warnings"] == []
-
-    assert matplotlib.image.imread(out / "plot.png").shape[:2] == (1755, 1245)
-
-    printed = capsys.readouterr()
-    distance = 1e3 * summary["smallest_distance"]
-    assert f"{distance:.1f} mm" in printed.out
-    for name in FILES:
-        assert f"here/it is/{name}" in printed.out
-    assert "x real time" in printed.err
-
-
-def test_a_run_says_loudly_what_is_below_the_floor(empty_folder, capsys):
-    """A stilt is put under the robot's waist, which is driven by the motion."""
-    shipped = Path(__file__).parents[2] / "models" / "upper_body"
-    stilt = (
-        '<link name="stilt"><collision><geometry><sphere radius="0.1"/></geometry>'
-        '</collision></link><joint name="stilt_weld" type="fixed">'
-        '<parent link="waist"/><child link="stilt"/><origin xyz="0 0 -{}"/></joint>'
-        "</robot>"
-    )
-    (empty_folder / "robot.yaml").write_text((shipped / "robot.yaml").read_text())
-    (empty_folder / "s.yaml").write_text(
-        "robot: robot.yaml\nmotion: dance\nexperiment: wrists\nduration: 1.0\n"
-        "controller: {period: 5.0e-3}\n"
-    )
-    text = (shipped / "upper_body.urdf").read_text()
-    for length, deep in ((0.9, True), (0.3, False)):
-        (empty_folder / "upper_body.urdf").write_text(
-            text.replace("</robot>", stilt.format(length))
-        )
-        assert main(["run", "s.yaml", "--no-recording", "--out", "it"]) == 0
-        found = re.findall(
-            r"^BAD: (\d+) mm BELOW THE FLOOR: (\w+) at (\d.\d\d) s",
-            capsys.readouterr().out,
-            re.MULTILINE,
-        )
-        assert bool(found) == deep
-        if not deep:
-            continue
-        log = SimulationLog.load("it/log.npz")
-        column = log.position_names.tolist().index("waist_z")
-        z = log.q[:, column] - length - 0.1
-        z[log.time < 0.5] = np.inf  # blending in
-        ((depth, link, time),) = found
-        assert link == "stilt" and int(depth) == pytest.approx(-1e3 * z.min(), abs=1.0)
-        assert float(time) == pytest.approx(log.time[z.argmin()], abs=0.011)
-
-
 def test_options_override_the_scenario(empty_folder, capsys):
     argv = "run diagrams/paper.yaml --experiment wrists --level velocity "
     argv += "--constraints none --duration 0.01 --motion reaching --no-recording"
@@ -167,47 +75,6 @@ def test_run_follows_a_motion_and_a_skeleton_by_path(cmu, empty_folder, capsys):
     assert main([*argv, "--duration", "0.01", "--no-recording"]) == 0
     out = empty_folder / "out" / "walk_upper-body"
     assert json.loads((out / "summary.json").read_text())["motion"] == "./walk.amc"
-
-
-def test_a_scenario_of_ones_own(empty_folder, capsys):
-    (empty_folder / "mine.yaml").write_text(
-        "motion: dance\nexperiment: wrists\nduration: 0.01\nlog_period: 0.005\n"
-    )
-    assert main(["run", "mine.yaml", "--no-recording"]) == 0
-    log = SimulationLog.load(empty_folder / "out/mine/log.npz")
-    np.testing.assert_allclose(log.time, [0.0, 0.005, 0.01])
-
-
-def test_the_arm_runs_with_tasks_of_its_own(empty_folder, capsys):
-    argv = "run obstacle_arm --duration 0.02 --no-recording"
-    assert main(argv.split()) == 0
-    summary = json.loads((empty_folder / "out/obstacle_arm/summary.json").read_text())
-    assert summary["tasks"]["tool"]["kind"] == "pose"
-    assert summary["rms_orientation_error"] is not None
-    assert "rms orientation error" in capsys.readouterr().out
-
-
-def test_a_recorded_run_and_its_playback(empty_folder, capsys):
-    argv = ["run", "dance_wrists", "--duration", "0.1", "--out", "it"]
-    assert main(argv) == 0
-    assert names(empty_folder / "it") == sorted([*FILES, "recording.html"])
-    page = (empty_folder / "it/recording.html").read_text()
-    assert page.lstrip().lower().startswith("<!doctype html>")
-
-    assert main(["playback", "it/log.npz"]) == 0
-    assert "it/playback.html" in capsys.readouterr().out
-    assert (empty_folder / "it/playback.html").stat().st_size > 1_000_000
-
-    # Of a folder its log; what both have in common is no name for them.
-    assert main(["compare", "it", "it/log.npz", "--overlay"]) == 0
-    assert "out/compare.html" in capsys.readouterr().out
-    page = (empty_folder / "out/compare.html").read_text()
-    assert '"overlay":true' in page
-    assert '"label":"it 1"' in page and '"label":"it 2"' in page
-
-    # The folder shows one run: a page of an earlier one would mislead.
-    assert main([*argv, "--no-recording"]) == 0
-    assert "recording.html" not in names(empty_folder / "it")
 
 
 # --- where it goes ----------------------------------------------------------------
@@ -476,36 +343,10 @@ def test_judging_counts_who_is_too_fast(empty_folder, capsys):
     assert told[".inf"].endswith(" OK")
 
 
-def test_a_run_that_penetrates_says_so_at_its_end_and_so_does_its_log(
-    empty_folder, capsys
-):
-    """Without constraints, and with the paper's: a log claims nothing then."""
-    command = ["run", "paper", "--motion", "boxing", "--experiment", "upper-body"]
-    command += ["--duration", "4.5", "--no-recording"]
-    assert main([*command, "--constraints", "none", "--out", "it"]) == 1
-    run = capsys.readouterr().out.splitlines()[-1]
-    assert run.startswith("VIOLATED: ") and " samples penetrate" in run
-    assert main(["judge", "it/log.npz"]) == 1
-    assert capsys.readouterr().out.splitlines()[-1] == run
-
-
 def test_without_a_command_help_is_printed(capsys):
     assert main([]) == 0
     told = capsys.readouterr().out
     assert told.startswith("usage: crar-drake") and "\n    import-robot" in told
-
-
-def test_a_simulation_that_would_take_years_is_refused(empty_folder, capsys):
-    message = refused(capsys, "run", "--duration", "1e9")
-    assert "11,574 days" in message and "at most 1e+06 s" in message
-    message = refused(capsys, "run", "--duration", "1e6")
-    assert "GiB of memory" in message and "--no-recording" in message
-
-
-def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys):
-    (empty_folder / "file").write_text("")
-    message = refused(capsys, "run", "--out", "file/below")
-    assert "file is a file; name another folder" in message
 
 
 # --- what is refused --------------------------------------------------------------
@@ -514,29 +355,19 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
 @pytest.mark.parametrize(
     "command, expected",
     [
-        ("rum", "'rum' is unknown; did you mean 'run'?"),
-        ("run --experimant wrists", "--experimant; did you mean '--experiment'?"),
         ("run --experimant=wrists", "--experimant; did you mean '--experiment'?"),
         ("run --lev velocity", "unknown option --lev; did you mean '--level'?"),
         ("clean cmu:05_02 --robot g1_no --out x.csv", "no robot 'g1_no'"),
         ("clean x.csv --robot g1 --rate 30", "--rate; did you mean '--frame-rate'?"),
         ("run dance_wrists boxing_wrists", "unexpected argument 'boxing_wrists'"),
-        ("run --level velocty", "'velocty' is unknown; did you mean 'velocity'?"),
         ("run --level x", "'x' is unknown; known are acceleration, velocity"),
-        ("run --experiment wrist", "did you mean 'wrists'?"),
         ("run --constraints lookahed", "did you mean 'lookahead'?"),
         ("run --experiment whole-body", "'whole-body' is unknown"),
-        ("run --robot nobody", "no robot 'nobody'"),
-        ("run --duration -1", "--duration: '-1' is not a positive number"),
         ("run --duration nan", "--duration: 'nan' is not a positive number"),
-        ("run --duration long", "--duration: 'long' is not a positive number"),
-        ("run dance_wrist", "no scenario 'dance_wrist'"),
-        ("run dance_wrist", "did you mean 'dance_wrists'?"),
         ("run diagrams/nowhere.yaml", "no scenario 'diagrams/nowhere.yaml'"),
         ("run --motion nowhere/05_02.amc", "nowhere/05_02.amc: there is no such"),
         ("run --motion cmu:99_99", "99.asf from http://mocap.cs.cmu.edu"),
         ("run --level velocity --constraints lookahead", "use level acceleration"),
-        ("run obstacle_arm --motion dance", "--motion: obstacle_arm follows keyframes"),
         ("run obstacle_arm --skeleton x.asf", "--skeleton: obstacle_arm follows"),
         ("run obstacle_arm --experiment wrists", "obstacle_arm lists tasks of its own"),
         ("run --skeleton x.asf", "'dance' has its own skeleton"),
@@ -544,12 +375,10 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run obstacle_arm --frame-rate 60", "frame_rate: keyframes have times"),
         ("motion dance --frame-rate fast", "'fast' is not a positive number"),
         ("motion dance --frame-rate nan", "'nan' is not a positive number"),
-        ("motion nowhere.amc", "nowhere.amc: there is no such motion file"),
         ("motion", "required: MOTION (see crar-drake motion --help)"),
         ("motion dance --polt x.png", "--polt; did you mean '--plot'?"),
         ("playback nowhere.npz", "nowhere.npz: there is no such log"),
         ("compare nowhere.npz there.npz", "nowhere.npz: there is no such log"),
-        ("compare one.npz", "name 2 to 6 runs to compare, not 1"),
         ("compare a.npz b.npz --label x", "--label: given 1 times for 2 runs"),
         ("list everything", "unexpected argument 'everything'"),
     ],
@@ -571,24 +400,6 @@ def test_nothing_is_not_the_working_directory(argv, option, empty_folder, capsys
     """A shell makes nothing of a variable that is not set."""
     said = refused(capsys, *argv)
     assert option in said and "it is empty" in said
-
-
-def test_run_moves_another_robot(empty_folder, capsys):
-    argv = "run --robot upper_body --motion reaching --experiment wrists"
-    assert main([*argv.split(), "--duration", "0.05", "--no-recording"]) == 0
-    assert "robot: upper_body" in SimulationLog.load(
-        "out/reaching_wrists/log.npz"
-    ).scenario.replace("'", "")
-
-
-def test_an_unknown_key_in_a_scenario_is_named(empty_folder, capsys):
-    (empty_folder / "mine.yaml").write_text(
-        "motion: dance\nexperiment: wrists\ncontroler: {level: velocity}\n"
-    )
-    assert main(["run", "mine.yaml"]) == 2
-    message = capsys.readouterr().err
-    assert "mine.yaml" in message and "did you mean 'controller'" in message
-    assert names(empty_folder) == ["mine.yaml"]
 
 
 # --- the other commands -----------------------------------------------------------
@@ -684,18 +495,6 @@ def test_import_robot_refuses(robot, words, empty_folder, capsys):
     assert names(empty_folder) == ["two.urdf"]
 
 
-def test_running_without_the_import_names_the_command(
-    empty_folder, capsys, monkeypatch
-):
-    from crar_drake.robot import description as robot_description
-
-    monkeypatch.setattr(
-        robot_description, "imported_robots_folder", lambda: Path("nowhere")
-    )
-    Path("s.yaml").write_text("robot: g1\nmotion: dance\nexperiment: wrists\n")
-    assert "crar-drake import-robot g1" in refused(capsys, "run", "s.yaml")
-
-
 def test_motion_tells_and_plots(empty_folder, capsys):
     assert main(["motion", "dance"]) == 0
     output = capsys.readouterr().out
@@ -768,13 +567,6 @@ def test_another_motion_does_not_take_the_scenarios_rate(empty_folder, capsys):
         assert main(argv) == 0
         summary = json.loads((empty_folder / "it/summary.json").read_text())
         assert summary["frame_rate"] == rate
-
-
-def test_version(capsys):
-    with pytest.raises(SystemExit) as exit:
-        main(["--version"])
-    assert exit.value.code == 0
-    assert capsys.readouterr().out == f"crar-drake {crar_drake.__version__}\n"
 
 
 def test_the_package_runs_as_a_module():

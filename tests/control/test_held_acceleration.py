@@ -14,7 +14,6 @@ from small_robots import add_plant, chain_urdf, make_model
 
 from crar_drake.control import effort_limits, parameters
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import InputError
 from crar_drake.equations.admission import SCALED
@@ -113,24 +112,6 @@ def count(monkeypatch: pytest.MonkeyPatch, owner: type, name: str) -> list[str]:
 def torque_every(monkeypatch: pytest.MonkeyPatch, time: float) -> None:
     """Lets torques be computed so far apart at most [s], instead of a millisecond."""
     monkeypatch.setattr(parameters, "_TORQUE_PERIOD", time)
-
-
-@pytest.mark.parametrize("constraints", ["lookahead", "paper", "none"])
-def test_the_plant_accelerates_as_commanded_at_every_step(constraints, monkeypatch):
-    """And not where the torque is what is held, on the same way."""
-    off = {}
-    for time in (STEP, PERIOD):
-        torque_every(monkeypatch, time)
-        loop = Loop(constraints=constraints)
-        simulator = loop.start()
-        simulator.AdvanceTo(0.4)
-        data = loop.logged(simulator)
-        reached = np.diff(data["state"][:, 4:], axis=0) / STEP
-        commanded = data["desired_acceleration"][:-1]
-        assert (commanded[:-1] == commanded[1:]).all(axis=1).sum() >= 0.79 * 400
-        off[time] = np.abs(reached - commanded).max()
-    assert off[STEP] < 1e-8
-    assert off[PERIOD] > 1.0
 
 
 @pytest.mark.parametrize("ratio", [1, 2, 5, 10])
@@ -327,32 +308,6 @@ def test_between_control_ticks_the_torque_is_clipped_and_the_excess_told(monkeyp
     assert (excess[between] > 0.01).any() and (excess[between] == 0.0).any()
 
 
-def test_what_torques_grow_by_within_a_period_is_left_free(monkeypatch):
-    """Without it, torques that are within the limits at the control tick pass them
-    before the next one, and the robot does otherwise than told."""
-
-    def run() -> tuple[np.ndarray, np.ndarray]:
-        loop = Loop(
-            effort=60.0,
-            period=5 * STEP,
-            lookahead=LookaheadParameters(preview=0.0),  # a plan asks for less
-        )
-        simulator = loop.start(speeds=np.array([1.5, -2.0, 2.0, 1.0]))
-        simulator.AdvanceTo(0.4)
-        data = loop.logged(simulator)
-        reached = np.diff(data["state"][:, 4:], axis=0) / STEP
-        slip = np.abs(reached - data["desired_acceleration"][:-1]).max(axis=1)
-        return data["torque_limit"][:-1, 1], slip
-
-    excess, slip = run()
-    monkeypatch.setattr(effort_limits, "_TRIES", 0)
-    excess_before, slip_before = run()
-    assert (excess_before > 0.0).sum() > 20
-    assert (excess > 0.0).sum() < 0.2 * (excess_before > 0.0).sum()
-    assert excess.sum() < 0.3 * excess_before.sum()
-    assert slip.sum() < 0.3 * slip_before.sum()
-
-
 def test_a_torque_that_will_pass_its_limit_is_lowered_from_what_it_is():
     """The limit does not bind at the control tick, but would be passed after it."""
     period = 10 * STEP
@@ -419,85 +374,7 @@ def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits(tar
     assert far > 10
 
 
-def test_no_less_of_the_wish_is_left_than_the_way_to_braking_has():
-    """What is nearest may be where the robot may not go, and is scaled to nothing: a
-    share of the wish that is within the limits and clear is then taken instead."""
-    effort = 15.0
-    law, free = (
-        Loop(
-            effort=effort,
-            respect_effort_limits=respected,
-            period=STEP,
-            lookahead=LookaheadParameters(preview=0.0),  # one way to brake
-        ).controller.law
-        for respected in (True, False)
-    )
-    model, workspace = law.model, law.model.MakeWorkspace()
-    T, rng, n, mattered = law.parameters.braking_horizon, np.random.default_rng(1), 4, 0
-    for _ in range(1500):
-        q = START + 0.8 * rng.standard_normal(n)
-        v = rng.uniform(-4.0, 4.0, n)
-        target = TARGET.copy()
-        target[:3] += 0.3 * rng.standard_normal(3)
-        for one in (law, free):
-            one.reset()
-        solution, wish = law.step(q, v, target), free.step(q, v, target)
-        if solution.torque_limit[0] == 1.0 or not wish.of_mode["admission"][3]:
-            continue
-        measured = model.measure(workspace, q, v)
-        still = model.inverse_dynamics(workspace, np.zeros(n))
-        inertia = model.effort_per_acceleration(workspace)
-        braking = still - inertia @ v / T
-        for share in np.linspace(1.0, 0.0, 21):
-            a = share * wish.acceleration - (1.0 - share) * v / T
-            torque = still + inertia @ a
-            next_braking = braking - STEP / T * (torque - still)
-            within = np.abs(torque).max() <= effort
-            stops = np.abs(next_braking).max() <= 0.8 * effort
-            if (
-                within
-                and stops
-                and np.array_equal(a, law.mode.admit_again(measured, a)[0])
-            ):
-                assert solution.torque_limit[0] > share - 1e-6
-                mattered += share > 0.1
-                break
-    assert mattered > 20
-
-
 # --- a user's own loop ------------------------------------------------------------
-
-
-def test_torque_in_a_loop_of_ones_own():
-    """Of the last step's accelerations, by Drake's own inverse dynamics."""
-    model = make_model(chain_urdf("zyzy"))
-    law = ControlLaw(model, CrarParameters(blend_time=0.0))
-    q, v = START, np.array([0.5, -0.2, 0.1, 0.4])
-    with pytest.raises(InputError, match="step first"):
-        law.torque(q, v)
-    solution = law.step(q, v, TARGET)
-    np.testing.assert_allclose(law.torque(q, v), solution.actuation, rtol=1e-12)
-    q, v = q + 0.1, v - 1.0
-    plant = model.plant
-    context = plant.CreateDefaultContext()
-    plant.SetPositionsAndVelocities(context, np.r_[q, v])
-    M = plant.CalcMassMatrix(context)
-    bias = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(context)
-    by_hand = plant.MakeActuationMatrix().T @ (M @ solution.acceleration + bias)
-    torque = law.torque(q, v)
-    np.testing.assert_allclose(torque, by_hand, rtol=1e-9)
-    assert np.abs(torque - solution.actuation).max() > 1.0
-    # It is no step: the next one is the second.
-    law.step(q, v, TARGET)
-    alone = ControlLaw(model, CrarParameters(blend_time=0.0))
-    alone.step(START, np.array([0.5, -0.2, 0.1, 0.4]), TARGET)
-    np.testing.assert_array_equal(
-        law.step(q, v, TARGET).acceleration,
-        [alone.step(q, v, TARGET) for _ in range(2)][1].acceleration,
-    )
-    law.reset()
-    with pytest.raises(InputError, match="step first"):
-        law.torque(q, v)
 
 
 @pytest.mark.parametrize(

@@ -112,14 +112,6 @@ def test_a_preview_bears_a_late_state(model, late, monkeypatch):
     assert np.abs(shaking[settled]).max() > 3.0 * np.abs(calm[settled]).max()
 
 
-def test_without_a_preview_nobody_looks_for_it(model):
-    feedback = LookaheadParameters(preview=0.0)
-    law = ControlLaw(model, CrarParameters(period=PERIOD, lookahead=feedback))
-    q = model.rest_positions()
-    law.step(q, 0.0 * q, model.tasks_at(q), model.prescribed_at(q))
-    assert law._memory.lateness is None and law._memory.sent == ()
-
-
 @pytest.mark.parametrize("power", [1, 2, 3])
 def test_a_robot_that_is_stuck_is_not_late(power):
     """Older commands are smaller, and so less wrong; but they explain nothing."""

@@ -16,7 +16,6 @@ from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import InputError
 from crar_drake.equations.admission import SCALED
-from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.equations.lookahead import lookahead_or_scaled
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.description import load_robot_description
@@ -86,28 +85,6 @@ def at(model: ControlModel, q, v=None):
     )
 
 
-def test_first_acceleration_is_the_printed_one(spatial):
-    """Eqs. (9), (14), (15), (30), (31), (33) with the undamped inverse, W = I."""
-    q, v = random_state(spatial, 3)
-    gains = free_of_constraints(Kp=200.0, Kv=25.0, K=20.0, Gv=15.0, GvN=10.0)
-    target = circle(spatial, np.array([0.8, 0.3, 0.2]), 0.4)
-    solution = ControlLaw(spatial, gains).step(q, v, target)
-    state = at(spatial, q, v)
-    p_d, v_d, a_d = target.reshape(3, 3)
-    e = p_d - state.p[0]
-    J_plus = np.linalg.pinv(state.J)
-    qdot_c = J_plus @ (v_d + 20.0 * e)
-    a_r = a_d + 25.0 * (v_d - state.J @ v) + 200.0 * e
-    alpha = J_plus @ (a_r - state.Jdot_qdot)
-    alpha += (np.eye(5) - J_plus @ state.J) @ (10.0 * (qdot_c - v))
-    expected = alpha + 15.0 * (qdot_c - v)
-    np.testing.assert_allclose(solution.acceleration, expected, rtol=1e-6)
-    np.testing.assert_allclose(solution.constrained_velocity, qdot_c, rtol=1e-6)
-    np.testing.assert_allclose(solution.task_error, e, atol=1e-14)
-    np.testing.assert_array_equal(solution.constraint_weights, np.ones(5))
-
-
-@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
 def test_nothing_is_compiled_but_once(planar):
     """Neither for another number of tasks, nor for arguments that are read-only."""
     ControlLaw(planar).compile()
@@ -120,25 +97,6 @@ def test_nothing_is_compiled_but_once(planar):
             array.flags.writeable = False
         ControlLaw(model).step(q, v, targets)
     assert len(lookahead_or_scaled.signatures) == compiled > 0
-
-
-def test_paper_weights_enter_the_inverse(spatial):
-    """Eq. (15) with the weights that the solution reports."""
-    model = make_model(
-        chain_urdf("zyzyz", limits=(-1.2, 1.1)), pairs=[["l3", "post"], ["l4", "post"]]
-    )
-    q, v = random_state(model, 4)
-    gains = CrarParameters(constraints="paper", blend_time=0.0, damping=1e-6)
-    target = circle(model, np.array([0.8, 0.3, 0.2]), 0.4)
-    solution = ControlLaw(model, gains).step(q, v, target)
-    W = solution.constraint_weights
-    assert W.min() >= 1.0 and np.ptp(W) > 1e-3
-    state = at(model, q, v)
-    p_d, v_d, _ = target.reshape(3, 3)
-    # Eq. (16): W^-1 J^T (J W^-1 J^T)^-1.
-    J_plus = np.linalg.solve((state.J / W) @ state.J.T, state.J / W).T
-    expected = J_plus @ (v_d + 30.0 * (p_d - state.p[0]))
-    np.testing.assert_allclose(solution.constrained_velocity, expected, rtol=1e-6)
 
 
 def inertia_by_inverse_dynamics(model: ControlModel, q: np.ndarray) -> np.ndarray:
@@ -240,43 +198,6 @@ def test_error_dynamics_of_eq_32(constraints):
     assert left < 0.1
 
 
-def test_velocity_level_starts_without_a_spike(spatial):
-    """Eqs. (10), (12): the first acceleration is Gv (q_dot_c - q_dot), for alpha has
-    no predecessor, and none of the first ones is out of the ordinary."""
-    q, v = random_state(spatial, 7)
-    gains = CrarParameters(level="velocity", constraints="none")
-    target = lambda t: circle(spatial, at(spatial, q).p[0], t)  # noqa: E731
-    first = ControlLaw(spatial, gains).step(q, v, target(0.0))
-    np.testing.assert_allclose(
-        first.acceleration, gains.Gv * (first.constrained_velocity - v), rtol=1e-12
-    )
-    _, _, _, solutions = integrate(
-        ControlLaw(spatial, gains), q, np.zeros(5), target, 1.0
-    )
-    size = np.array([np.abs(s.acceleration).max() for s in solutions])
-    np.testing.assert_allclose(solutions[0].acceleration, 0.0, atol=1e-12)
-    assert size[:20].max() < 0.2 * size.max()
-    # No jump from one step to the next either, to the end of blending and after.
-    assert np.abs(np.diff(size)).max() < 0.05 * size.max()
-
-
-def test_velocity_level_differentiates_the_constrained_velocity(spatial):
-    """Eq. (10): the second acceleration has the difference over one period."""
-    q, v = random_state(spatial, 7)
-    gains = free_of_constraints(level="velocity", period=2e-3)
-    law = ControlLaw(spatial, gains)
-    target = circle(spatial, np.array([0.8, 0.3, 0.2]), 0.4)
-    first = law.step(q, v, target)
-    q2 = q + 2e-3 * v
-    second = law.step(q2, v, target)
-    alpha = (second.constrained_velocity - first.constrained_velocity) / 2e-3
-    np.testing.assert_allclose(
-        second.acceleration,
-        alpha + gains.Gv * (second.constrained_velocity - v),
-        rtol=1e-9,
-    )
-
-
 @pytest.mark.parametrize("level", LEVELS)
 def test_targets_are_blended_in_from_the_measured_pose(spatial, level):
     """At the first step the error that is acted on is zero, however far the target."""
@@ -370,77 +291,6 @@ def test_orientations_converge(arm_orientation, degrees):
     assert max(angle) < np.radians(degrees) + 1e-6  # it never goes the long way
 
 
-def test_task_weights_shift_the_compromise():
-    """Two targets that cannot both be reached: the heavier is nearer its own."""
-    q = np.array([0.3, 0.5, 0.4])
-
-    def errors(weights):
-        tasks = [
-            Task(frame="l2", position_weight=weights[0]),
-            Task(frame="tip", position_weight=weights[1]),
-        ]
-        model = make_model(chain_urdf("zzz"), tasks)
-        p = at(model, q).p
-        target = hold(model, [p[0] + [0, 0.1, 0], p[1] - [0, 0.1, 0]])
-        gains = free_of_constraints(damping=0.05, period=2e-3)
-        _, _, _, solutions = integrate(
-            ControlLaw(model, gains), q, np.zeros(3), lambda t: target, 1.0
-        )
-        e = solutions[-1].task_error.reshape(2, 3)
-        return np.linalg.norm(e, axis=1)
-
-    even, first, second = errors((1, 1)), errors((5, 1)), errors((1, 5))
-    assert first[0] < even[0] < second[0]
-    assert second[1] < even[1] < first[1]
-
-
-def test_orientation_weight_shifts_the_compromise():
-    """Metres against radians within one pose."""
-    q = np.array([0.3, 0.5])
-
-    def errors(weight):
-        model = make_model(
-            chain_urdf("zz"),
-            [Task(frame="tip", kind="pose", orientation_weight=weight)],
-        )
-        state = at(model, q)
-        turned = Rotation.from_rotvec([0, 0, 0.5]).as_matrix() @ state.R[0]
-        target = model.layout.pack([turned], state.p)
-        gains = free_of_constraints(damping=0.05, period=2e-3)
-        _, _, _, solutions = integrate(
-            ControlLaw(model, gains), q, np.zeros(2), lambda t: target, 1.0
-        )
-        e = solutions[-1].task_error
-        return np.abs(e[2]), np.linalg.norm(e[3:])
-
-    light, heavy = errors(0.1), errors(1.0)
-    assert heavy[0] < 0.5 * light[0] and light[1] < 0.5 * heavy[1]
-
-
-def test_nominal_posture_moves_the_null_space_only(spatial):
-    """Redundant joints come nearer the posture, the task stays where it is."""
-    q = np.array([0.4, -0.5, 0.6, 0.8, -0.3])
-    p = at(spatial, q).p
-    posture = q + np.array([0.3, -0.2, 0.2, 0.3, 0.5])
-    target = hold(spatial, p)
-    law = ControlLaw(
-        spatial, free_of_constraints(nominal_posture_gain=400.0, period=2e-3)
-    )
-    now, v = q, np.zeros(5)
-    drift = 0.0
-    for _ in range(1000):
-        solution = law.step(now, v, target, nominal_posture=posture)
-        now = now + 2e-3 * v + 2e-6 * solution.acceleration
-        v = v + 2e-3 * solution.acceleration
-        drift = max(drift, np.abs(solution.task_error).max())
-    assert drift < 1e-3
-    assert np.linalg.norm(now - posture) < 0.9 * np.linalg.norm(q - posture)
-    # What is left of the pull is in the task's row space: nothing more to gain.
-    J = at(spatial, now).J
-    N = np.eye(5) - np.linalg.pinv(J) @ J
-    assert np.abs(N @ (posture - now)).max() < 0.02
-
-
 def test_the_default_posture_is_the_rest_posture(on_rail):
     """Of the joints with limits; without targets of its own, nothing else changes."""
     q, v = np.array([0.1, 0.5, 0.7, -0.9, 0.6]), np.array([0.0, 0.3, -0.4, 0.2, 0.1])
@@ -495,62 +345,6 @@ def test_a_joint_without_limits_is_not_drawn_back():
     np.testing.assert_array_equal(law.default_posture(q), expected[model.controlled])
 
 
-@pytest.mark.parametrize("level", LEVELS)
-def test_task_stays_in_the_world_while_the_waist_moves(on_rail, level):
-    """J_p q_dot_p and J_p q_ddot_p are moved to the right-hand side."""
-    model = on_rail
-    rail = model.prescribed[0]
-    q = np.zeros(5)
-    q[model.controlled] = BENT
-    p = at(model, q).p
-
-    def prescribed(t):
-        w = 4.0
-        return [
-            0.1 * (1 - np.cos(w * t)),
-            0.1 * w * np.sin(w * t),
-            0.1 * w**2 * np.cos(w * t),
-        ]
-
-    gains = free_of_constraints(level=level)
-    _, qs, vs, solutions = integrate(
-        ControlLaw(model, gains),
-        q,
-        np.zeros(5),
-        lambda t: hold(model, p),
-        1.0,
-        prescribed,
-    )
-    desired = np.array([prescribed(t)[0] for t in np.arange(len(qs)) * gains.period])
-    np.testing.assert_allclose(qs[:, rail], desired, atol=1e-4)
-    assert np.ptp(desired) > 0.15
-    error = np.abs([s.task_error for s in solutions]).max()
-    # At the velocity level the difference quotient lags by a step, and Gv filters.
-    assert error < (2e-5 if level == "acceleration" else 2e-3)
-
-
-def test_prescribed_joint_has_the_error_dynamics_of_eq_14(on_rail):
-    """From 10 cm off: e_dd + Kv e_d + Kp e = 0, whatever the arm does."""
-    model = on_rail
-    rail = model.prescribed[0]
-    q = np.zeros(5)
-    q[model.controlled] = BENT
-    gains = free_of_constraints(Kp=100.0, Kv=12.0)
-    target = hold(model, at(model, q).p)
-    t, qs, _, solutions = integrate(
-        ControlLaw(model, gains),
-        q,
-        np.zeros(5),
-        lambda t: target,
-        0.6,
-        lambda t: [0.1, 0.0, 0.0],
-    )
-    # Underdamped: omega_d = 8, sigma = 6.
-    expected = 0.1 - 0.1 * np.exp(-6 * t) * (np.cos(8 * t) + 0.75 * np.sin(8 * t))
-    np.testing.assert_allclose(qs[:, rail], expected, atol=1e-3)
-    assert solutions[0].acceleration[rail] == pytest.approx(10.0)
-
-
 def test_prescribed_joint_is_blended_in(on_rail):
     q = np.zeros(5)
     q[on_rail.controlled] = BENT
@@ -559,55 +353,6 @@ def test_prescribed_joint_is_blended_in(on_rail):
         q, np.zeros(5), hold(on_rail, at(on_rail, q).p), [0.5, 0.3, 2.0]
     )
     np.testing.assert_allclose(solution.acceleration, 0.0, atol=1e-10)
-
-
-def test_position_command_is_one_period_on(spatial):
-    """The semi-implicit steps of 1 ms that a discrete plant takes."""
-    q, v = random_state(spatial, 1)
-    gains = free_of_constraints(period=5e-3)
-    solution = ControlLaw(spatial, gains).step(q, v, hold(spatial, [[0.8, 0.3, 0.2]]))
-    for _ in range(5):
-        v = v + 1e-3 * solution.acceleration
-        q = q + 1e-3 * v
-    np.testing.assert_allclose(solution.position_command, np.r_[q, v], rtol=1e-12)
-
-
-def test_approaching_weighs_more_than_leaving():
-    """Eqs. (18), (21): at the same configuration W depends on where it came from."""
-    model = make_model(chain_urdf("zz", limits=(-1.0, 1.0)), pairs=[["l1", "post"]])
-    target = hold(model, [[0.5, 0.3, 0.0]])
-    there = np.array([0.8, 0.5])
-    back, closer = there - 0.05, there + 0.05
-
-    def weights(previous):
-        law = ControlLaw(model, CrarParameters(constraints="paper"))
-        law.step(previous, np.zeros(2), target)
-        return law.step(there, np.zeros(2), target).constraint_weights
-
-    first = ControlLaw(model, CrarParameters(constraints="paper")).step(
-        there, np.zeros(2), target
-    )
-    assert at(model, closer).d < at(model, there).d < at(model, back).d
-    approaching, leaving = weights(back), weights(closer)
-    assert (approaching > leaving + 0.01).all()
-    np.testing.assert_array_equal(leaving, np.ones(2))
-    # The first step counts as approaching.
-    np.testing.assert_array_equal(first.constraint_weights, approaching)
-
-
-def test_reset_forgets(spatial):
-    q, v = random_state(spatial, 2)
-    target = hold(spatial, [[0.8, 0.3, 0.2]])
-    gains = CrarParameters(constraints="paper", level="velocity", blend_time=0.01)
-    law = ControlLaw(spatial, gains)
-    fresh = law.step(q, v, target)
-    for k in range(20):
-        later = law.step(q + 0.01 * k, v, target)
-    assert np.abs(later.acceleration - fresh.acceleration).max() > 0.1
-    law.reset()
-    again = law.step(q, v, target)
-    np.testing.assert_array_equal(again.acceleration, fresh.acceleration)
-    np.testing.assert_array_equal(again.actuation, fresh.actuation)
 
 
 EXTREMES = {
@@ -789,55 +534,6 @@ def limited_model(effort: float) -> ControlModel:
     return make_model(text)
 
 
-def test_effort_limits_are_respected_when_asked_for():
-    """A far target asks for more than the actuators have; then the robot comes to
-    the target nevertheless, and never is more commanded than there is."""
-    effort = 170.0  # gravity alone takes up to 135 Nm
-    model = limited_model(effort)
-    q = np.array([0.5, 0.7, -0.9, 0.6, 0.2])
-    far = np.array([0.1, 0.9, -0.6, 0.9, 0.1])
-    target = at(model, far).p
-    results = {}
-    for respect in (False, True):
-        law = ControlLaw(
-            model, CrarParameters(respect_effort_limits=respect, blend_time=0.0, Kp=1e3)
-        )
-        *_, solutions = integrate(law, q, np.zeros(5), lambda t: hold(model, target), 2)
-        results[respect] = solutions
-    torque = {
-        respect: np.abs([s.actuation for s in solutions]).max()
-        for respect, solutions in results.items()
-    }
-    theta = np.array([s.torque_limit[0] for s in results[True]])
-    assert torque[False] > 1.2 * effort
-    assert torque[True] <= effort
-    assert theta.min() < 1.0 and theta[-1] == 1.0
-    assert all((s.torque_limit == [1.0, 0.0]).all() for s in results[False])
-    assert np.linalg.norm(results[True][-1].task_error) < 0.03
-
-
-def test_weak_actuators_break_no_other_limit():
-    """Other accelerations than those that were admitted are admitted anew."""
-    urdf = chain_urdf("zyzyz", limits=(-1.2, 1.2))
-    urdf = urdf.replace("<limit ", '<limit effort="150" velocity="6" ')
-    model = make_model(urdf)
-    rng = np.random.default_rng(7)
-    q, v = np.array([0.5, 0.7, -0.9, 0.6, 0.2]), np.zeros(5)
-    law = ControlLaw(model, CrarParameters(period=0.01, blend_time=0.0))
-    shares, farthest, clipped = [], 0.0, 0
-    for k in range(400):
-        if k % 25 == 0:
-            target = rng.uniform(-1.5, 1.5, (1, 3))
-        solution = law.step(q, v, hold(model, target))
-        q, v = np.split(solution.position_command, 2)
-        shares.append(solution.torque_limit[0])
-        clipped += solution.torque_limit[1] > 0.0
-        farthest = max(farthest, np.abs(q).max())
-        assert np.abs(v).max() <= 6.0 + 1e-9
-    assert 1.1 < farthest <= 1.2 + 1e-9
-    assert 20 < np.sum(np.array(shares) < 1.0) < 380 and clipped == 0
-
-
 def test_wide_effort_limits_change_nothing():
     model = limited_model(1e6)
     q, v = random_state(model, 3)
@@ -888,42 +584,6 @@ def test_what_the_motion_asks_of_a_prescribed_joint_is_no_limit():
     assert np.abs(free.actuation[model.prescribed]) > 50.0
     np.testing.assert_allclose(limited.actuation, free.actuation, rtol=1e-13)
     np.testing.assert_array_equal(limited.torque_limit, [1.0, 0.0])
-
-
-def test_without_effort_limits_no_inertia_is_computed(spatial, monkeypatch):
-    """Drake's mass matrix takes some microseconds of every step."""
-    q, v = random_state(spatial, 3)
-    targets = hold(spatial, at(spatial, q).p + 0.1)
-    expected = ControlLaw(spatial, CrarParameters(respect_effort_limits=False)).step(
-        q, v, targets
-    )
-
-    def never(*_):
-        raise AssertionError("there is no limit to respect")
-
-    monkeypatch.setattr(ControlModel, "effort_per_acceleration", never)
-    for asked in (None, True):
-        law = ControlLaw(spatial, CrarParameters(respect_effort_limits=asked))
-        solution = law.step(q, v, targets)
-        np.testing.assert_array_equal(solution.actuation, expected.actuation)
-        np.testing.assert_array_equal(solution.torque_limit, [1.0, 0.0])
-
-
-def test_the_torque_is_that_of_the_acceleration():
-    """What is reported as commanded is what the limited torque does."""
-    model = limited_model(170.0)
-    q = np.array([0.5, 0.7, -0.9, 0.6, 0.2])
-    v = np.array([0.3, -0.2, 0.4, 0.1, 0.0])
-    law = ControlLaw(model, CrarParameters(respect_effort_limits=True, blend_time=0.0))
-    solution = law.step(q, v, hold(model, at(model, q).p + 0.3))
-    assert 0.0 < solution.torque_limit[0] < 1.0 and solution.torque_limit[1] == 0.0
-    workspace = model.MakeWorkspace()
-    model.evaluate(workspace, q, v)
-    np.testing.assert_allclose(
-        model.inverse_dynamics(workspace, solution.acceleration),
-        solution.actuation,
-        atol=1e-9,
-    )
 
 
 # --- speed limits -----------------------------------------------------------------
@@ -982,29 +642,6 @@ def test_speed_limits_of_robot_and_scenario(fast_on_rail, changes, expected):
 def test_refused_speed_limits(fast_on_rail, constraints, changes, message):
     with pytest.raises(ScenarioError, match=message):
         ControlLaw(fast_on_rail, CrarParameters(constraints=constraints, **changes))
-
-
-def test_prescribed_joints_brake_along_where_the_motors_cannot_carry_them():
-    """A rail starts at 300 m/s^2, and the tip with it: the chain's motors have 25 Nm,
-    and its joints no room to be carried along."""
-    text = chain_urdf("zzz", rail="y", limits=(-0.05, 0.05)).replace(
-        "<limit ", '<limit effort="25" '
-    )
-    text = text.replace('effort="25" lower="-3"', 'effort="1e4" lower="-3"')
-    model = make_model(text, prescribed_joints={"rail": "hold"})
-    q, v = np.zeros(4), np.zeros(4)
-    targets, prescribed = hold(model, at(model, q).p), np.array([0.0, 0.0, 300.0])
-    targets[-2] = 300.0
-    limited, free = (
-        ControlLaw(
-            model, CrarParameters(respect_effort_limits=value, blend_time=0.0)
-        ).step(q, v, targets, prescribed)
-        for value in (True, False)
-    )
-    np.testing.assert_array_equal(free.acceleration[model.prescribed], 300.0)
-    assert 0.0 < limited.acceleration[model.prescribed][0] < 290.0
-    assert np.abs(limited.actuation[model.controlled]).max() <= 25.0
-    assert limited.torque_limit[1] < 1e-9  # and nothing was clipped
 
 
 def test_no_torque_is_clipped_where_prescribed_joints_that_give_way_help():

@@ -1,4 +1,4 @@
-"""The lookahead on real loops: nothing is violated, and its certificate is true."""
+"""The lookahead on real loops: its certificate is true."""
 
 from dataclasses import fields, replace
 
@@ -49,15 +49,6 @@ def run(request) -> RunResult:
 def referee_of(run: RunResult) -> Referee:
     model = run.setup.model
     return Referee(model.plant, model.scene_graph, model.description.pairs)
-
-
-def test_nothing_is_violated(run):
-    verdict = referee_of(run).violations(run.log.q)
-    assert verdict.num_samples > 1000
-    assert verdict.num_violated == 0
-    assert 0.0 < verdict.smallest_distance < 0.1  # but it was near
-    assert np.abs(run.log.v).max() > 0.5
-    np.testing.assert_array_equal(run.log.status != 2.0, True)
 
 
 def test_certificate_is_what_the_log_says(run):

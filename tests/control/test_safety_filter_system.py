@@ -1,4 +1,4 @@
-"""The filter in diagrams: the same commands as without one, state in the context."""
+"""The filter in diagrams: state in the context, and what is refused."""
 
 import numpy as np
 import pytest
@@ -50,38 +50,6 @@ def make(filter: SafetyFilter, **sources):
     return Simulator(builder.Build()), system, log
 
 
-def test_its_commands_are_those_of_the_filter(filter):
-    simulator, system, log = make(
-        filter, desired_position=lambda time: wanted(filter, time)
-    )
-    simulator.AdvanceTo(2.0)
-    logged = log.FindLog(simulator.get_context()).data().T
-    filter.reset()
-    rest = filter.model.rest_positions()
-    np.testing.assert_array_equal(logged[0], np.concatenate([rest, np.zeros(7)]))
-    how = set()
-    for k in range(100):
-        command = filter(wanted(filter, k * PERIOD))
-        how.add(command.report.how)
-        # What was decided at t holds from then on.
-        np.testing.assert_array_equal(logged[k + 1], [*command.q, *command.v])
-    assert {"nominal", "corrected", "braking"} <= how
-    context = system.GetMyContextFromRoot(simulator.get_context())
-    last = command  # the update at the end comes with the next advance
-    assert system.report(context).how == last.report.how
-    told = system.get_output_port_diagnostics().Eval(context)
-    assert told[0] == ("nominal", "corrected", "scaled", "braking").index(
-        last.report.how
-    )
-    assert told[2] == last.report.clearance and told[3] == 1.0
-    np.testing.assert_array_equal(
-        system.get_output_port_acceleration_command().Eval(context), last.a
-    )
-    np.testing.assert_array_equal(
-        system.get_output_port_position_command().Eval(context), last.q
-    )
-
-
 def test_the_state_is_the_contexts(filter):
     """A clone of a context goes its own way; the same steps are the same again."""
     simulator, system, _ = make(
@@ -120,21 +88,6 @@ def test_it_begins_at_what_is_measured_or_where_it_is_told(filter):
     assert system.report(context) is None
     simulator.AdvanceTo(PERIOD)
     assert system.get_output_port_position_command().Eval(context)[1] == 0.4
-
-
-def test_a_wanted_state_is_position_and_velocity(filter):
-    def state(time):
-        return np.concatenate([wanted(filter, time), np.full(7, 0.3)])
-
-    simulator, system, _ = make(filter, desired_state=state)
-    simulator.AdvanceTo(1.0)
-    filter.reset()
-    for k in range(50):
-        command = filter(wanted(filter, k * PERIOD), np.full(7, 0.3))
-    context = system.GetMyContextFromRoot(simulator.get_context())
-    np.testing.assert_array_equal(
-        system.get_output_port_position_command().Eval(context), command.q
-    )
 
 
 @pytest.mark.parametrize("speeds", [[-1.0], [np.nan], [[1.0]], 1.0, "fast"])

@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from scipy.special import factorial
 
 from crar_drake.equations.blending import (
-    _coefficients,
-    _inverse_left_jacobian,
-    _left_jacobian,
-    _left_jacobian_dot,
     blend_rotations,
     blend_tasks,
     blend_vectors,
@@ -181,58 +176,6 @@ def test_rotation_vector_is_scipys():
         R = Rotation.from_rotvec(phi).as_matrix()
         np.testing.assert_allclose(rotation_vector(R), phi, atol=1e-12)
         np.testing.assert_allclose(rotation_from_vector(phi), R, atol=1e-14)
-
-
-def test_coefficients_are_their_taylor_series_on_both_sides_of_the_switch():
-    """a = sum (-1)^k t^2k / (2k+2)!, b = sum (-1)^k t^2k / (2k+3)!."""
-    for theta in [0.0, 1e-4, 5e-3, 0.00999, 0.01001, 0.02, 0.1, 0.5, 1.5]:
-        expected = np.zeros(4)
-        for k in range(20):
-            divisors = np.array([factorial(2.0 * k + 2), factorial(2.0 * k + 3)])
-            power, sign = theta ** (2 * k), (-1.0) ** k
-            expected[:2] += sign * power / divisors
-            if k:
-                slope = sign * 2 * k * theta ** (2 * k - 2)
-                expected[2:] += slope / divisors
-        found = _coefficients(theta * np.array([0.6, 0.0, -0.8]))
-        if theta < 0.01:  # the first terms of the same series
-            np.testing.assert_allclose(found[:2], expected[:2], rtol=1e-15)
-            np.testing.assert_allclose(found[2:], expected[2:], rtol=1e-10)
-        else:
-            np.testing.assert_allclose(found, expected, rtol=1e-5)
-
-
-def turning_series(phi: np.ndarray, phi_dot: np.ndarray) -> np.ndarray:
-    """Angular velocity of exp(phi) while phi changes by phi_dot: the series
-    J_l = sum ad^k / (k + 1)!, with ad x = phi x x."""
-    term = total = phi_dot
-    for k in range(1, 40):
-        term = np.cross(phi, term) / (k + 1)
-        total = total + term
-    return total
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-3, 0.00999, 0.01001, 0.3, 2.0, 3.1, 4.5])
-def test_left_jacobian_and_its_inverse_are_those_of_the_series(angle):
-    rng = np.random.default_rng(8)
-    atol = 2e-15 if angle < 0.02 else 2e-14
-    for _ in range(5):
-        phi, x = angle * axis_of(rng), axis_of(rng)
-        turned = turning_series(phi, x)
-        np.testing.assert_allclose(_left_jacobian(phi, x), turned, rtol=0, atol=atol)
-        back = _inverse_left_jacobian(phi, turned)
-        np.testing.assert_allclose(back, x, rtol=0, atol=atol)
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-3, 0.00999, 0.01001, 0.3, 2.0, 3.1])
-def test_left_jacobians_derivative_is_that_of_the_series(angle):
-    """By a complex step, which has no rounding error to speak of."""
-    rng = np.random.default_rng(9)
-    for _ in range(5):
-        phi, phi_dot, x = angle * axis_of(rng), axis_of(rng), axis_of(rng)
-        expected = turning_series(phi + 1e-30j * phi_dot, x).imag / 1e-30
-        found = _left_jacobian_dot(phi, phi_dot, x)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-12, 1e-9, 1e-7, 1e-6, 1e-5])

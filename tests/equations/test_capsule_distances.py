@@ -1,18 +1,13 @@
-"""Capsule distances: by hand, by optimality, by derivatives, and by the referee.
+"""Capsule distances: by optimality, by derivatives, and by the referee.
 
 The pairs are 100,000, of every kind that closed forms trip over. The referee is a
 separate, plain implementation, one pair at a time.
 """
 
-import importlib.util
-from unittest import mock
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from crar_drake.equations import capsule_distances as module
-from crar_drake.equations import compilation
 from crar_drake.equations.capsule_distances import (
     ShapePairs,
     capsule_distances,
@@ -131,19 +126,10 @@ def pairs() -> tuple[np.ndarray, ...]:
     return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
-@pytest.fixture(scope="module", params=["as called", "the other form"])
-def results(request, pairs) -> tuple[np.ndarray, ...]:
-    """As the equations find them; and where these are compiled from loops by NumPy's
-    form, else by the loops."""
-    if request.param == "as called":
-        return capsule_distances(*pairs)
-    spec = importlib.util.spec_from_file_location("plain_distances", module.__file__)
-    plain = importlib.util.module_from_spec(spec)
-    with mock.patch.object(compilation, "IS_COMPILED", False):
-        spec.loader.exec_module(plain)
-    if not compilation.IS_COMPILED:
-        plain.nearest_points = plain._nearest_points_loops
-    return plain.capsule_distances(*pairs)
+@pytest.fixture(scope="module")
+def results(pairs) -> tuple[np.ndarray, ...]:
+    """As the equations find them."""
+    return capsule_distances(*pairs)
 
 
 @pytest.fixture(scope="module")
@@ -162,38 +148,6 @@ def one(p_a0, p_a1, r_a, p_b0, p_b1, r_b) -> tuple[float, np.ndarray, ...]:
         *(np.array([x], dtype=float) for x in (p_a0, p_a1, r_a, p_b0, p_b1, r_b))
     )
     return d[0], n[0], p_a[0], p_b[0]
-
-
-def test_skew_capsules_by_hand():
-    """Axes along x at z = 1 and along y at z = 0, radii 0.1 and 0.2."""
-    d, n, p_a, p_b = one([-1, 0.3, 1], [1, 0.3, 1], 0.1, [0.5, -1, 0], [0.5, 1, 0], 0.2)
-    assert d == pytest.approx(0.7)
-    np.testing.assert_allclose(n, [0, 0, 1], atol=1e-15)
-    np.testing.assert_allclose(p_a, [0.5, 0.3, 1])
-    np.testing.assert_allclose(p_b, [0.5, 0.3, 0])
-
-
-def test_ends_by_hand():
-    """A 3-4-5 triangle between two ends."""
-    d, n, p_a, p_b = one([3, 4, 0], [3, 9, 0], 1.0, [-2, 0, 0], [0, 0, 0], 0.5)
-    assert d == pytest.approx(3.5)
-    np.testing.assert_allclose(n, [0.6, 0.8, 0])
-    np.testing.assert_allclose(p_a, [3, 4, 0])
-    np.testing.assert_allclose(p_b, [0, 0, 0])
-
-
-def test_penetration_is_negative_by_hand():
-    d, n, *_ = one([-1, 0, 0.1], [1, 0, 0.1], 0.2, [0, -1, 0], [0, 1, 0], 0.3)
-    assert d == pytest.approx(-0.4)
-    np.testing.assert_allclose(n, [0, 0, 1], atol=1e-15)
-
-
-def test_parallel_capsules_meet_in_the_middle_of_their_overlap():
-    d, n, p_a, p_b = one([0, 1, 0], [4, 1, 0], 0.1, [2, 0, 0], [9, 0, 0], 0.1)
-    assert d == pytest.approx(0.8)
-    np.testing.assert_allclose(n, [0, 1, 0])
-    np.testing.assert_allclose(p_a, [3, 1, 0])
-    np.testing.assert_allclose(p_b, [3, 0, 0])
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -231,12 +185,6 @@ def test_parallel_capsules_at_exact_touch():
     d, n, *_ = one([0, 0, 0.5], [1, 0, 0.5], 0.25, [0, 0, 0], [1, 0, 0], 0.25)
     assert d == 0.0
     np.testing.assert_allclose(n, [0, 0, 1])
-
-
-def test_spheres_by_hand():
-    d, n, *_ = one([0, 0, 0], [0, 0, 0], 1.0, [0, 3, 4], [0, 3, 4], 1.5)
-    assert d == pytest.approx(2.5)
-    np.testing.assert_allclose(n, [0, -0.6, -0.8])
 
 
 def test_crossing_axes_have_a_normal_perpendicular_to_both():

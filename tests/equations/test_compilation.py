@@ -1,5 +1,6 @@
 """What one process compiles, the others find."""
 
+import ast
 import errno
 import json
 import os
@@ -11,12 +12,14 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
 import crar_drake
-from crar_drake.equations import blending, compilation
-from crar_drake.equations.compilation import IS_COMPILED
+from crar_drake.equations import blending, compilation, kept_programs
+from crar_drake.equations.compilation import compiled
+from crar_drake.equations.whole_programs import Whole
 
 # A function that calls others.
 _CALL = """
@@ -46,7 +49,6 @@ print(json.dumps(told | {"twice": twice(turned).tolist()}))
 """
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
 def test_one_process_compiles_for_all(tmp_path):
     """Those that want the same at once wait for it, from whatever copy of the package.
 
@@ -89,11 +91,9 @@ def test_one_process_compiles_for_all(tmp_path):
     assert first["twice"] == later["twice"] == [0.0, 1.0, 0.0]
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_while_machine_code_is_handed_over(tmp_path, monkeypatch, number):
     """It is not lost, nor is what it came in the middle of."""
-    from crar_drake.equations.whole_programs import Whole
 
     def asked(*_):
         raise KeyboardInterrupt(signal.Signals(number).name)
@@ -105,8 +105,8 @@ def test_ctrl_c_while_machine_code_is_handed_over(tmp_path, monkeypatch, number)
 
     code = property(lambda self: vars(self)["code"], disturbed)
     before = signal.signal(number, asked)
-    monkeypatch.setattr(compilation, "_CACHE_FOLDER", tmp_path)
-    doubled = compilation.compiled(lambda a: 2.0 * a)
+    monkeypatch.setattr(kept_programs, "cache_folder", lambda room: tmp_path)
+    doubled = compiled(lambda a: 2.0 * a)
     try:
         with monkeypatch.context() as patch:
             patch.setattr(Whole, "_compiled_object", code, raising=False)
@@ -132,7 +132,6 @@ with _undisturbed():
 """
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
 def test_a_second_ctrl_c_ends_it_at_once():
     found = subprocess.run(
         [sys.executable, "-c", _TWICE], capture_output=True, text=True, timeout=100
@@ -143,18 +142,14 @@ def test_a_second_ctrl_c_ends_it_at_once():
 
 # Writing fails as on a disk that is full, or may not be written.
 _NO_ROOM = """
-import builtins, os, sys
+import os, pathlib, tempfile
 
 def refuse(*_, **__):
     raise OSError({code}, os.strerror({code}))
 
-usual = builtins.open
-builtins.open = lambda file, mode="r", *a, **k: (
-    refuse() if "w" in mode and ".tmp." in str(file) else usual(file, mode, *a, **k)
-)
+pathlib.Path.write_bytes = refuse
 if {everything}:
-    import tempfile
-    os.makedirs = os.mkdir = tempfile.TemporaryFile = refuse
+    os.makedirs = os.mkdir = tempfile.mkstemp = tempfile.TemporaryFile = refuse
 """
 
 
@@ -182,6 +177,10 @@ def warm(tmp_path_factory) -> Path:
     return folder
 
 
+def kept_files(cache: Path) -> list[Path]:
+    return [place for place in cache.rglob("*") if place.is_file()]
+
+
 def _flip(content: bytes) -> bytes:
     middle = len(content) // 2
     return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
@@ -195,23 +194,20 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
-@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_what_is_damaged_is_compiled_again(
-    warm, tmp_path, monkeypatch, caplog, damage, suffix
-):
+def test_what_is_damaged_is_compiled_again(warm, tmp_path, monkeypatch, caplog, damage):
     """And kept: the next one of the same function finds it."""
     cache = tmp_path / "cache"
     shutil.copytree(warm, cache)
-    files = list(cache.rglob(f"*.{suffix}"))
+    files = kept_files(cache)
     assert files
     for file in files:
         file.write_bytes(DAMAGES[damage](file.read_bytes()))
-    monkeypatch.setattr(compilation, "_CACHE_FOLDER", next(cache.iterdir()))
+    (folder,) = cache.iterdir()
+    monkeypatch.setattr(kept_programs, "cache_folder", lambda room: folder)
     i, j = np.zeros(3), np.array([0.0, 1.0, 0.0])
     for hits in (0, 1):
-        product = compilation.compiled(blending._inverse_left_jacobian.py_func)
+        product = compiled(blending._inverse_left_jacobian.py_func)
         assert product(i, j).tolist() == [0.0, 1.0, 0.0]
         found = product.stats
         assert sum(found.cache_hits.values()) == hits
@@ -219,11 +215,10 @@ def test_what_is_damaged_is_compiled_again(
     assert caplog.messages == []
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
 def test_a_folder_in_the_place_of_a_file_is_said_and_no_more(warm, tmp_path):
     cache = tmp_path / "cache"
     shutil.copytree(warm, cache)
-    for file in cache.rglob("*.nbi"):
+    for file in kept_files(cache):
         file.unlink()
         file.mkdir()
     told, said = call(cache)
@@ -231,7 +226,6 @@ def test_a_folder_in_the_place_of_a_file_is_said_and_no_more(warm, tmp_path):
     assert said.count("cannot be kept") == 1
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS])
 def test_what_cannot_be_kept_is_said_once_and_all_goes_on(tmp_path, code):
     before = _NO_ROOM.format(code=int(code), everything=code == errno.EROFS)
@@ -241,17 +235,52 @@ def test_what_cannot_be_kept_is_said_once_and_all_goes_on(tmp_path, code):
     assert "NUMBA_CACHE_DIR names another folder" in said
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
 def test_a_cache_that_is_read_only_is_read(warm):
     before = _NO_ROOM.format(code=int(errno.EROFS), everything=True)
     told, said = call(warm, before)
     assert (told["hits"], told["misses"], said) == (1, 0, "")
 
 
-@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
-def test_compiling_is_told_with_how_far_it_is(monkeypatch):
-    import numba
+def compiled_functions(source: Path) -> list[ast.FunctionDef]:
+    return [
+        node
+        for node in ast.parse(source.read_text()).body
+        if isinstance(node, ast.FunctionDef)
+        and any(
+            isinstance(x, ast.Name) and x.id == "compiled" for x in node.decorator_list
+        )
+    ]
 
+
+def test_what_is_compiled_is_made_of_its_own_room_and_the_equations():
+    """By whose sources it is found: of nothing else that the package has."""
+    package = Path(crar_drake.__file__).parent
+    checked = 0
+    for source in package.rglob("*.py"):
+        room, own = source.parent.name, compiled_functions(source)
+        allowed = ("crar_drake.equations.", f"crar_drake.{room}.")
+        imported = {
+            alias.asname or alias.name: f"{node.module}.{alias.name}"
+            for node in ast.parse(source.read_text()).body
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+        }
+        for function in own:
+            used = {
+                x.id
+                for part in function.body
+                for x in ast.walk(part)
+                if isinstance(x, ast.Name)
+            }
+            for name in used & set(imported):
+                whence = imported[name]
+                inside = whence.startswith("crar_drake.")
+                assert not inside or whence.startswith(allowed), (source, name)
+            checked += 1
+    assert checked > 200
+
+
+def test_compiling_is_told_with_how_far_it_is(monkeypatch):
     monkeypatch.setattr(compilation, "_REPORTED_EVERY", 0.0)
     told = []
     with compilation.when_compiling(told.append):

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from exact_loop import follow
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_robots import CAPSULE, chain_urdf, make_model
+from small_robots import chain_urdf, make_model
 
-from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.admission import path_bounds, travel
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.kinematics import link_poses, place_points
@@ -139,26 +137,3 @@ def test_balls_hold_their_shapes(paths) -> None:
         judged = paths.judged(q[None])
         outside = judged > 0.0  # deep inside, a depth may be more than the balls'
         assert (paths.by_pair(apart)[outside] <= judged[outside] + 1e-12).all()
-
-
-@pytest.mark.parametrize("shapes", [(BOX,), (BOX, CAPSULE)])
-def test_boxes_stay_apart_under_targets_that_jump(shapes) -> None:
-    model = make_model(
-        chain_urdf("zyxy", shapes=shapes, extra=WALL), [Task(frame="tip")], pairs=PAIRS
-    )
-    rng = np.random.default_rng(5)
-    parameters = CrarParameters(period=0.005)
-    targets = np.zeros((300, model.layout.size))
-    for k in range(0, 300, 60):  # into the wall, and beyond it
-        targets[k : k + 60, :3] = rng.uniform([0.2, 0.2, 0.0], [0.5, 0.6, 0.2])
-    states, answers = follow(model, parameters, targets)
-    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
-    assert all(answer.admission[3] == 1.0 for answer in answers)
-    d = np.array([referee.distances(state[:4]).min() for state in states])
-    floor = 0.004
-    assert d.min() > floor - 1e-8 and d.min() < 0.02  # it was near
-    T = parameters.braking_horizon
-    for state in states[::20]:
-        for share in np.linspace(0.0, 1.0, 12):
-            q = state[:4] + share * T * state[4:]
-            assert referee.distances(q).min() > floor - 1e-8

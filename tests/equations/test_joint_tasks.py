@@ -7,9 +7,6 @@ from small_robots import chain_urdf, make_model, random_state
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations import kinematics
-from crar_drake.equations.kinematics import task_jacobian
-from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ModelError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, joint_tasks
@@ -42,31 +39,8 @@ def consistent(model: ControlModel, seed: int):
     return q, v, a, targets
 
 
-def test_rows_and_entries_stand_in_the_order_of_the_tasks(model):
-    layout = model.layout
-    assert layout.m == 6 + 2 + 3 + 2
-    assert layout.joint_rows.tolist() == [6, 7, 11, 12]
-    assert layout.joint_entries.tolist() == [7, 8, 12, 13]
-    assert layout.rows.joints.tolist() == [2, 0, 1, 3]
-    assert [layout.rows_of(i) for i in (1, 3, 5)] == [
-        slice(6, 7), slice(8, 11), slice(12, 13)
-    ]  # fmt: skip
-    assert layout == TaskLayout(layout.names, layout.kinds)  # as a log makes it
-    S = model.row_weights
-    assert S.tolist() == [1, 1, 1, 3, 3, 3, 0.5, 0.5, 2, 2, 2, 1, 1]
-
-
-def test_their_jacobian_is_the_joints_own(model):
-    q, v = random_state(model, 1)
-    state = model.evaluate(model.MakeWorkspace(), q, v)
-    np.testing.assert_array_equal(
-        state.J[model.layout.joint_rows], np.eye(4)[[2, 0, 1, 3]]
-    )
-    assert not state.Jdot_qdot[model.layout.joint_rows].any()
-
-
 def test_the_rows_of_other_tasks_are_those_without_joints(model):
-    """Of the tasks before and after them; both ways to the Jacobian."""
+    """Of the tasks before and after them."""
     q, v = random_state(model, 4)
     others = make_model(chain_urdf("zxyz"), [x for x in TASKS if x.kind != "joint"])
     state, alone = (m.evaluate(m.MakeWorkspace(), q, v) for m in (model, others))
@@ -74,22 +48,6 @@ def test_the_rows_of_other_tasks_are_those_without_joints(model):
     np.testing.assert_array_equal(state.J[rows], alone.J)
     np.testing.assert_array_equal(state.Jdot_qdot[rows], alone.Jdot_qdot)
     assert (np.abs(alone.J).max(axis=1) > 0.1).sum() > 7
-    rng, tasks = np.random.default_rng(5), model.robot_by_pair.value.tasks.value
-    p, S = rng.normal(size=(len(tasks.carries), 3)), rng.normal(size=(6, 4))
-    np.testing.assert_allclose(
-        kinematics._task_jacobian_loops(p, S, tasks),
-        task_jacobian(p, S, tasks),
-        atol=1e-14,
-    )
-
-
-def test_what_is_packed_is_unpacked(model):
-    rng = np.random.default_rng(2)
-    vector = rng.normal(size=model.layout.size)
-    vector[:4] = [0.5, 0.5, 0.5, 0.5]
-    desired = model.layout.unpack(vector)
-    again = model.layout.pack(desired.R, desired.p, desired.v, desired.a, desired.q)
-    np.testing.assert_allclose(again, vector, atol=1e-14)
 
 
 @pytest.mark.parametrize("constraints", ["none", "paper", "lookahead"])

@@ -12,20 +12,17 @@ from pydrake.multibody.tree import (
     SpatialInertia,
 )
 
-from crar_drake.equations import kinematics, placed_shapes
-from crar_drake.equations.capsule_distances import CapsuleSizes, ShapePairs
-from crar_drake.equations.hull_distances import no_hulls
-from crar_drake.equations.kinematics import joint_motion, link_poses, place_points
-from crar_drake.equations.placed_shapes import needed_by
+from crar_drake.equations.kinematics import (
+    join_joints,
+    joint_motion,
+    link_poses,
+    place_points,
+)
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
-
-# Both bodies of each function: of NumPy, or what is compiled in its place; and loops.
-POSES = [link_poses, kinematics._link_poses_loops]
-PLACES = [placed_shapes.place_some, placed_shapes._place_some_loops]
 
 
 def plant_of(robot: str) -> MultibodyPlant:
@@ -46,13 +43,11 @@ def configurations(plant: MultibodyPlant) -> np.ndarray:
     return np.random.default_rng(0).uniform(-5.0, 5.0, (20, plant.num_positions()))
 
 
-@pytest.mark.parametrize("poses", POSES, ids=["as called", "loops"])
-def test_link_poses_are_drakes(plant: MultibodyPlant, poses) -> None:
+def test_link_poses_are_drakes(plant: MultibodyPlant) -> None:
     joints, context = JointTree(plant), plant.CreateDefaultContext()
     configured = configurations(plant)
-    X = poses(configured, joints.tree, joints.tree.every).reshape(
-        len(configured), -1, 4, 3
-    )
+    X = link_poses(configured, joints.tree, joints.tree.every)
+    X = X.reshape(len(configured), -1, 4, 3)
     for q, X_WL in zip(configured, X, strict=True):
         plant.SetPositions(context, q)
         for i in range(plant.num_bodies()):
@@ -89,45 +84,6 @@ def test_joint_motion_is_drakes_jacobian_about_the_worlds_origin(
             np.testing.assert_allclose(S * carried, expected, atol=1e-11)
 
 
-@pytest.mark.parametrize("poses", POSES, ids=["as called", "loops"])
-@pytest.mark.parametrize("place", PLACES, ids=["as called", "loops"])
-def test_what_is_needed_by_shapes_is_placed_as_all_is(plant, poses, place) -> None:
-    """And nothing else is: by the frames of two pairs, one against the world."""
-    tree = JointTree(plant).tree
-    rng, N = np.random.default_rng(5), len(tree.parent)
-    axes = np.tile(np.arange(1, N), 3)
-    ends = np.array([N - 1, N // 2, 0, N // 2])  # the frames of a and b, of two pairs
-    first = 4 * np.concatenate((axes, ends, ends))
-    selection = rng.normal(size=(len(first), 4))
-    start = 3 * (N - 1) + np.arange(4)
-    nothing = np.zeros(0)
-    pairs = ShapePairs(
-        *(start[::2], start[1::2], start[::2] + 4, start[1::2] + 4),
-        CapsuleSizes(*[nothing] * len(CapsuleSizes._fields)),
-        *[np.arange(2)] * 2,
-        *[nothing] * 2,
-        *no_hulls(2),
-    )
-    for shapes, of_frames in (([1], ends[2:]), ([0, 1], ends), ([], [])):
-        frames, some = needed_by(np.array(shapes, dtype=int), pairs, first, tree, N - 1)
-        carrying = set()
-        for frame in of_frames:
-            while frame not in carrying:
-                carrying.add(int(frame))
-                frame = tree.parent[frame]
-        assert set(np.flatnonzero(frames)) == carrying
-        q = configurations(plant)[:1]
-        whole = place_points(link_poses(q, tree, tree.every), selection, first)[0]
-        points = np.full((len(first), 3), np.nan)
-        place(points, poses(q, tree, frames)[0], selection, first, some)
-        placed = np.isfinite(points).all(axis=1)
-        np.testing.assert_allclose(points[placed], whole[placed], atol=1e-12)
-        of_axes = np.isin(axes, list(carrying))
-        np.testing.assert_array_equal(placed[: len(axes)], of_axes)
-        of_shapes = np.isin(np.arange(4) // 2, shapes)
-        np.testing.assert_array_equal(placed[len(axes) :], np.tile(of_shapes, 2))
-
-
 def test_every_kind_of_joint_is_among_the_cases() -> None:
     plant, _ = every_joint()
     kinds = {plant.get_joint(i).type_name() for i in plant.GetJointIndices()}
@@ -155,7 +111,5 @@ def test_joints_whose_velocities_are_no_rates_are_refused(kind: str) -> None:
 def test_joined_accelerations_are_in_the_plants_order() -> None:
     """Those of the controlled joints first, wherever these are in the plant."""
     order = np.array([3, 0, 4, 2, 1])
-    found = kinematics.join_joints(
-        np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0]), order
-    )
+    found = join_joints(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0]), order)
     np.testing.assert_array_equal(found, [2.0, 5.0, 4.0, 1.0, 3.0])

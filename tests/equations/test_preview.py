@@ -4,21 +4,19 @@ of distances, and Drake's solver."""
 import numpy as np
 import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
-from scipy.linalg import lstsq, null_space
+from scipy.linalg import lstsq
 
 from crar_drake import ControlModel, load_robot_description, position_tasks
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.equations.kinematics import Measured, find_state
-from crar_drake.equations.lookahead_rows import LookaheadGains, with_resting
+from crar_drake.equations.lookahead_rows import with_resting
 from crar_drake.equations.preview import (
     effort_rows,
     expected_motion,
     make_preview,
     plan_accelerations,
     possible_motion,
-    posture_near_limits,
-    previewed_velocity,
     rows_ahead,
     shifted_plan,
     speed_rows,
@@ -144,76 +142,6 @@ def test_a_plan_without_rows_is_the_least_sum_of_squares(m, n):
     )
     assert np.abs(plan).max() > 1.0
     np.testing.assert_allclose(plan, expected, rtol=1e-3, atol=1e-3)
-
-
-def test_what_tasks_leave_free_comes_to_rest_at_the_posture():
-    """Step by step a redundant arm goes where its nullspace is pulled to."""
-    rng = np.random.default_rng(4)
-    n, J = 3, rng.normal(size=(1, 3))
-    free = null_space(J)
-    q, qdot, goal = np.zeros(n), np.zeros(n), free @ [0.3, -0.2]
-    none = np.zeros(0)
-    for _ in range(round(7.0 / PERIOD)):
-        found = References(
-            J, none, none, none, none, none, none, none, -J @ q, -J @ qdot, np.zeros(1)
-        )
-        plan = plan_accelerations(
-            found,
-            np.zeros(1, dtype=int),
-            0.05,
-            q - goal,
-            qdot,
-            np.zeros((0, N * n)),
-            none,
-            PREVIEW,
-        )
-        qdot = qdot + PERIOD * plan[:n]
-        q = q + PERIOD * qdot
-    np.testing.assert_allclose(q, goal, atol=5e-3)
-
-
-def speeds_at_a_wall(moved, coasting: float, preview) -> np.ndarray:
-    """Of a joint whose target is behind a wall, from 5 cm before it on, by the first
-    accelerations of plans with a row at each instant, and so long after it."""
-    q, qdot, wall, goal = -0.05, 1.0, 0.0, 0.1
-    none, speeds = np.zeros(0), []
-    for _ in range(200):
-        found = References(
-            np.ones((1, 1)),
-            *[none] * 7,
-            np.array([goal - q]),
-            np.array([-qdot]),
-            np.zeros(1),
-        )
-        room = wall - q - (preview.times + coasting) * qdot
-        least = -np.ascontiguousarray(room)
-        plan = plan_accelerations(
-            found,
-            np.zeros(1, dtype=int),
-            0.02,
-            np.zeros(1),
-            np.array([qdot]),
-            np.ascontiguousarray(-moved),
-            least,
-            preview,
-        ).reshape(N, 1)
-        q += PERIOD * qdot + 0.5 * PERIOD**2 * plan[0, 0]
-        qdot += PERIOD * plan[0, 0]
-        speeds.append(qdot)
-    return np.array(speeds)
-
-
-def test_a_joint_comes_to_a_wall_without_swinging():
-    """A period after the instant its speed falls to a third at each step; at the
-    instant itself, which here is a period away, it would change its sign for ever."""
-    near = make_preview(16.0 * PERIOD, 5e-5, D, K, PERIOD, 0.01)
-    assert near.times[0] == PERIOD
-    speeds = speeds_at_a_wall(near.coasted, near.coasting, near)
-    assert speeds.min() > -1e-4
-    assert np.abs(speeds[100:]).max() < 1e-4
-    swinging = speeds_at_a_wall(near.moved, 0.0, near)
-    assert swinging.min() < -0.01
-    assert np.abs(swinging[100:]).max() > 1e-3
 
 
 def test_a_task_that_is_far_pulls_no_more_than_from_afar():
@@ -393,41 +321,6 @@ def test_a_motion_that_no_robot_makes_is_not_believed(model):
         )
 
 
-def test_pairs_that_are_far_have_no_rows(model):
-    r = model.robot_ahead.value
-    parameters = CrarParameters(lookahead=LookaheadParameters(preview=DURATION))
-    numbers = ControlLaw(model, parameters).mode.numbers.value
-    q, v = crossed(model, np.random.default_rng(2))
-    state = find_state(Measured(with_resting(q, v, r, 0.08), v, np.zeros((0, 7))), r)
-    x = expected_motion(state.v, np.zeros(model.n_p), np.zeros((N, model.n)), PREVIEW)
-    limits = numbers.limits.value
-    limits = limits._replace(joints=limits.joints[:0])  # with rows of pairs alone
-    limits = limits._replace(inward=limits.inward[:0], at=limits.at[:0])
-    given = (r, numbers.reaches, PREVIEW)
-    counts = [
-        len(
-            rows_ahead(
-                state,
-                x,
-                limits,
-                numbers.gains._replace(influence_distance=influence),
-                *given,
-            )[0]
-        )
-        for influence in (0.0, 0.085, 0.3)
-    ]
-    assert counts[0] == 0 < counts[1] < counts[2]
-
-
-def test_the_nominal_velocity_is_of_the_first_acceleration():
-    plan, qdot = np.arange(8.0), np.array([0.5, -0.5])
-    gains = LookaheadGains(0.04, *[0.0] * 14)
-    s_0, planned, W = previewed_velocity(plan, qdot, gains, PREVIEW)
-    np.testing.assert_allclose(s_0, qdot + 0.04 * plan[:2])
-    np.testing.assert_allclose(planned, qdot + PREVIEW.times[0] * plan[:2])
-    np.testing.assert_array_equal(W, 1.0)
-
-
 def test_a_joint_that_would_be_too_fast_slows_no_other_down():
     """Two joints with a task each: the plan of the slow one stays as it was."""
     zeros = np.zeros((0, 2 * N))
@@ -487,28 +380,3 @@ def test_a_plan_asks_no_more_of_a_motor_than_it_has():
     assert 0.95 < asked[:, 0].max() < 1.0 and asked[:, 1].max() < 1.0
     weak = effort_rows(motors, given, np.zeros((N, 2)))
     assert len(weak[0]) == len(weak[1]) == 0
-
-
-def test_the_posture_is_the_rest_posture_only_near_limits():
-    """In closed form: of two joints, one without limits, by how far the other has gone
-    to the limit on its side."""
-    rest, lower = np.array([0.5, 0.0]), np.array([-1.5, -np.inf])
-    upper = np.array([1.5, np.inf])
-
-    def posture(first):
-        return posture_near_limits(np.array([first, 9.0]), rest, lower, upper)
-
-    for first in (0.5, 0.99, -0.49):  # less than half of 1 or of 2
-        np.testing.assert_array_equal(posture(first), [first, 9.0])
-    for first in (1.1 + 1e-9, -0.7 - 1e-9, 1.5, 1.7):
-        np.testing.assert_array_equal(posture(first), rest)
-    np.testing.assert_allclose(posture(1.05), 0.5 * (rest + [1.05, 9.0]))
-    np.testing.assert_allclose(posture(-0.6), 0.5 * (rest + [-0.6, 9.0]))
-    # At a limit by rest, and on its way inside and beyond.
-    there = np.array([1.5, 0.0])
-    for first, drawn in ((1.5, False), (1.4, False), (1.6, True), (-0.6, True)):
-        q = np.array([first, 9.0])
-        expected = there if drawn else q
-        np.testing.assert_array_equal(
-            posture_near_limits(q, there, lower, upper), expected
-        )

@@ -10,7 +10,6 @@ from crar_drake.equations.tasks import (
     quaternion_from_rotation,
     rotation_from_quaternion,
     task_error,
-    task_weights,
 )
 
 KINDS = ("pose", "position", "orientation", "position", "pose")
@@ -64,17 +63,6 @@ def test_orientation_error_is_sine_times_axis(degrees):
         )
 
 
-def test_orientation_error_grows_up_to_90_degrees_and_is_gone_at_180():
-    def size(degrees: float) -> float:
-        R_d = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
-        return orientation_error(np.eye(3)[None], R_d[None])[0, 2]
-
-    assert size(30) == pytest.approx(0.5)
-    assert size(90) == pytest.approx(1.0)
-    assert size(150) == pytest.approx(0.5)
-    assert size(180) == pytest.approx(0.0, abs=1e-15)
-
-
 def test_orientation_error_shape_without_tasks():
     assert orientation_error(np.empty((0, 3, 3)), np.empty((0, 3, 3))).shape == (0, 3)
 
@@ -104,26 +92,6 @@ def test_layout_rows_follow_the_tasks_angular_above_linear(layout):
     ]
 
 
-def test_layout_of_positions_is_what_a_trajectory_source_emits():
-    """Stacked positions, then stacked velocities, then stacked accelerations."""
-    layout = TaskLayout(("a", "b"), ("position", "position"))
-    target = layout.unpack(np.arange(18.0))
-    np.testing.assert_array_equal(target.p, [[0, 1, 2], [3, 4, 5]])
-    np.testing.assert_array_equal(target.v, np.arange(6.0, 12.0))
-    np.testing.assert_array_equal(target.a, np.arange(12.0, 18.0))
-    assert target.R.shape == (0, 3, 3)
-
-
-def test_layout_of_one_pose_is_quaternion_then_position():
-    layout = TaskLayout(("a",), ("pose",))
-    quarter_turn_about_z = [np.sqrt(0.5), 0, 0, np.sqrt(0.5)]
-    target = layout.unpack(np.r_[quarter_turn_about_z, 7, 8, 9, np.zeros(12)])
-    np.testing.assert_allclose(
-        target.R, [[[0, -1, 0], [1, 0, 0], [0, 0, 1]]], atol=1e-15
-    )
-    np.testing.assert_array_equal(target.p, [[7, 8, 9]])
-
-
 def test_unpack_undoes_pack(layout):
     rng = np.random.default_rng(3)
     R, p = random_rotations(rng, 3), rng.normal(size=(4, 3))
@@ -137,21 +105,9 @@ def test_unpack_undoes_pack(layout):
     np.testing.assert_array_equal(target.a, a)
 
 
-def test_pack_leaves_omitted_derivatives_at_zero(layout):
-    rng = np.random.default_rng(4)
-    target = layout.unpack(layout.pack(random_rotations(rng, 3), np.ones((4, 3))))
-    assert not target.v.any() and not target.a.any()
-
-
 def test_layout_refuses_an_unknown_kind_by_name():
     with pytest.raises(ValueError, match=r"task elbow: 'velocity'"):
         TaskLayout(("hand", "elbow"), ("pose", "velocity"))
-
-
-def test_layouts_of_equal_tasks_are_equal(layout):
-    assert layout == TaskLayout(NAMES, KINDS)
-    assert layout != TaskLayout(NAMES, KINDS[1:] + KINDS[:1])
-    assert hash(layout) == hash(TaskLayout(NAMES, KINDS))
 
 
 def test_task_error_stacks_orientation_above_position(layout):
@@ -165,22 +121,6 @@ def test_task_error_stacks_orientation_above_position(layout):
         angular[0], linear[0], linear[1], angular[1], linear[2], angular[2], linear[3]
     ]
     np.testing.assert_allclose(e, expected, atol=1e-15)
-
-
-@pytest.mark.parametrize("kind", ["position", "orientation"])
-def test_task_error_of_one_kind_only(kind):
-    layout = TaskLayout(("a",), (kind,))
-    angular = kind == "orientation"
-    R = np.eye(3)[None] if angular else np.empty((0, 3, 3))
-    p = np.empty((0, 3)) if angular else np.zeros((1, 3))
-    e = task_error(layout.rows, R, p, R, p + 1.0)
-    np.testing.assert_array_equal(e, np.zeros(3) if angular else np.ones(3))
-
-
-def test_task_weights_stand_at_their_tasks_rows(layout):
-    S = task_weights(layout, [1, 2, 3, 4, 5], [10, 20, 30, 40, 50])
-    expected = [10] * 3 + [1] * 3 + [2] * 3 + [30] * 3 + [4] * 3 + [50] * 3 + [5] * 3
-    assert S.tolist() == expected
 
 
 def test_rotation_from_quaternion_is_scipys():

@@ -1,4 +1,4 @@
-"""Eq. (34) against an explicit inverse and against what they minimise."""
+"""Eq. (34) against an explicit inverse, and at a singularity."""
 
 import numpy as np
 import pytest
@@ -46,25 +46,6 @@ def test_products_with_the_damped_inverse_are_those_of_the_printed_matrices(m, n
         )
 
 
-@pytest.mark.parametrize("m, n", SHAPES)
-def test_damped_inverse_minimises_the_weighted_damped_square_error(m, n):
-    """x = J* y minimises |J x - y|^2 + lambda^2 x^T W x."""
-    J, W = random_problem(m, n)
-    rng = np.random.default_rng(2)
-    y, damping = rng.normal(size=m), 0.3
-
-    def cost(x: np.ndarray) -> float:
-        return np.sum((J @ x - y) ** 2) + damping**2 * x @ (W * x)
-
-    x = damped_weighted_pseudo_inverse(J, W, damping) @ y
-    gradient = 2 * J.T @ (J @ x - y) + 2 * damping**2 * W * x
-    np.testing.assert_allclose(gradient, 0.0, atol=1e-10 * np.abs(2 * J.T @ y).max())
-    lowest = cost(x)
-    for _ in range(20):
-        step = rng.normal(size=n) / np.sqrt(W)
-        assert cost(x + 1e-3 * step) > lowest
-
-
 @pytest.mark.parametrize("m, n", [(4, 7), (4, 4), (7, 4)])
 def test_damped_inverse_exists_at_a_singularity(m, n):
     rng = np.random.default_rng(5)
@@ -76,41 +57,7 @@ def test_damped_inverse_exists_at_a_singularity(m, n):
         assert np.linalg.norm(J_star, 2) <= 1 / 0.2 + 1e-9
 
 
-@pytest.mark.parametrize("m, n", SHAPES)
-def test_an_enormous_weight_stops_its_joint_only(m, n):
-    J, _ = random_problem(m, n)
-    W = np.ones(n)
-    W[0] = 1e12
-    J_star = damped_weighted_pseudo_inverse(J, W, 0.1)
-    assert np.abs(J_star[0]).max() < 1e-9
-    if n == 1:
-        return  # no other joint is left
-    rest = damped_weighted_pseudo_inverse(J[:, 1:], W[1:], 0.1)
-    np.testing.assert_allclose(J_star[1:], rest, atol=1e-8)
-
-
-def test_the_arguments_are_left_alone():
-    for m, n in SHAPES:
-        J, W = random_problem(m, n)
-        J_before, W_before = J.copy(), W.copy()
-        damped_weighted_pseudo_inverse(J, W, 0.1)
-        np.testing.assert_array_equal(J, J_before)
-        np.testing.assert_array_equal(W, W_before)
-
-
 def random_full_weight(n: int) -> np.ndarray:
     rng = np.random.default_rng(n)
     root = rng.normal(size=(n, n))
     return root @ root.T + np.diag(10.0 ** rng.uniform(-1.0, 3.0, n))
-
-
-@pytest.mark.parametrize("m, n", [(3, 7), (6, 11)])
-def test_a_full_weight_matrix_minimises_its_quadratic_form(m, n):
-    """min x^T W x with J x = y, by the Karush-Kuhn-Tucker system."""
-    J, _ = random_problem(m, n)
-    W, y = random_full_weight(n), np.arange(1.0, m + 1.0)
-    system = np.block([[W, J.T], [J, np.zeros((m, m))]])
-    x = np.linalg.solve(system, np.concatenate([np.zeros(n), y]))[:n]
-    np.testing.assert_allclose(
-        damped_weighted_pseudo_inverse(J, W, 0.0) @ y, x, rtol=1e-7, atol=1e-10
-    )

@@ -1,4 +1,4 @@
-"""The referee against closed forms, brute force, SciPy and Drake's own distances."""
+"""The referee against closed forms, SciPy and Drake's own distances."""
 
 import math
 
@@ -117,39 +117,6 @@ def random_pair(rng: np.random.Generator, kind: int) -> tuple:
     return a0, a0 + u, rng.uniform(0, 0.2), b0, b0 + v, rng.uniform(0, 0.2)
 
 
-def sampled_axis_distance(a0, a1, b0, b1) -> float:
-    """Brute force: s sampled ever finer about the best one, and t for each s.
-
-    Convexity (also of the smallest value over t) keeps the minimum between the
-    neighbours of the best sample, and so in the next, ten times finer grid.
-    """
-
-    def refine(low, high, values):
-        x = np.linspace(low, high, 21)
-        best = np.argmin(values(x), axis=0)
-        below, above = np.maximum(best - 1, 0), np.minimum(best + 1, 20)
-        return (
-            np.take_along_axis(x, below[None], 0)[0],
-            np.take_along_axis(x, above[None], 0)[0],
-        )
-
-    def smallest_over_t(s):
-        p_a = a0 + s[..., None] * (a1 - a0)
-
-        def distances(t):
-            return np.linalg.norm(p_a - b0 - t[..., None] * (b1 - b0), axis=-1)
-
-        low, high = np.zeros(s.shape), np.ones(s.shape)
-        for _ in range(12):
-            low, high = refine(low, high, distances)
-        return distances(0.5 * (low + high))
-
-    low, high = np.array(0.0), np.array(1.0)
-    for _ in range(12):
-        low, high = refine(low, high, smallest_over_t)
-    return float(smallest_over_t(0.5 * (low + high)))
-
-
 @pytest.mark.parametrize("name", CLOSED_FORMS)
 def test_closed_forms(name):
     capsules, expected = CLOSED_FORMS[name]
@@ -184,17 +151,6 @@ def test_penetration_is_what_parts_the_capsules():
                 a0 + less, a1 + less, radius, b0, b1, radius
             )
             assert inside < 0.0
-
-
-@pytest.mark.parametrize("kind", range(7))
-def test_brute_force(kind):
-    rng = np.random.default_rng(kind)
-    for _ in range(60):
-        a0, a1, radius_a, b0, b1, radius_b = random_pair(rng, kind)
-        distance, p_a, p_b = capsule_distance(a0, a1, radius_a, b0, b1, radius_b)
-        expected = sampled_axis_distance(a0, a1, b0, b1)
-        assert distance + radius_a + radius_b == pytest.approx(expected, abs=1e-7)
-        assert np.linalg.norm(p_a - p_b) == pytest.approx(expected, abs=1e-7)
 
 
 @pytest.mark.parametrize("kind", [0, 3, 5])

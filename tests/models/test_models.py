@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from pydrake.geometry import Capsule, Role, SceneGraph, Sphere
+from pydrake.geometry import SceneGraph
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import JointActuatorIndex, RigidBody
@@ -127,20 +127,6 @@ def test_upper_body_has_the_papers_joints(upper_body: Loaded) -> None:
     assert set(upper_body.description["prescribed_joints"]) == set(WAIST)
 
 
-def test_arm_has_seven_joints(robots: dict[str, Loaded]) -> None:
-    arm = robots["obstacle_arm"]
-    names = [joint.name() for joint in arm.moving_joints()]
-    assert names == [f"joint{k}" for k in range(1, 8)]
-    assert arm.plant.num_velocities() == 7
-    assert not arm.description["prescribed_joints"]
-
-
-def test_thirty_different_pairs(upper_body: Loaded) -> None:
-    pairs = {frozenset(pair) for pair in upper_body.description["pairs"]}
-    assert len(pairs) == len(upper_body.description["pairs"]) == 30
-    assert all(len(pair) == 2 for pair in pairs)
-
-
 def test_every_joint_has_an_actuator_of_its_name(robot: Loaded) -> None:
     plant = robot.plant
     assert plant.num_actuators() == plant.num_velocities()
@@ -175,48 +161,6 @@ def test_mass_matrix_is_positive_definite(robot: Loaded) -> None:
         mass_matrix = robot.plant.CalcMassMatrix(robot.context)
         # 1e-4 kg m^2 is a ball of 50 g and 70 mm: real, not rounding.
         assert np.linalg.eigvalsh(mass_matrix)[0] > 1e-4
-
-
-def test_forward_dynamics_undo_inverse_dynamics(robot: Loaded) -> None:
-    """Massless carriages and frames must not disturb Drake's own solver."""
-    plant, context = robot.plant, robot.context
-    rng = np.random.default_rng(1)
-    actuation = np.linalg.inv(plant.MakeActuationMatrix())
-    q_rest = robot.positions(robot.description["rest_posture"])
-    for _ in range(20):
-        # Near the rest posture, where no contact adds its force.
-        q = q_rest + rng.uniform(-0.1, 0.1, plant.num_positions())
-        plant.SetPositions(context, q)
-        plant.SetVelocities(context, rng.normal(size=plant.num_velocities()))
-        v_dot = rng.normal(size=plant.num_velocities())
-        tau = (
-            plant.CalcMassMatrix(context) @ v_dot
-            + plant.CalcBiasTerm(context)
-            - plant.CalcGravityGeneralizedForces(context)
-        )
-        plant.get_actuation_input_port().FixValue(context, actuation @ tau)
-        result = plant.get_generalized_acceleration_output_port().Eval(context)
-        np.testing.assert_allclose(result, v_dot, atol=1e-7)
-
-
-def test_collision_shapes_are_capsules_and_spheres(robot: Loaded) -> None:
-    inspector = robot.scene_graph.model_inspector()
-    geometries = inspector.GetAllGeometryIds(Role.kProximity)
-    assert geometries
-    for geometry in geometries:
-        assert isinstance(inspector.GetShape(geometry), (Capsule, Sphere))
-
-
-def test_watched_pairs_exist_and_are_not_filtered(robot: Loaded) -> None:
-    inspector = robot.scene_graph.model_inspector()
-    for pair in robot.description["pairs"]:
-        shapes_a, shapes_b = (
-            robot.plant.GetCollisionGeometriesForBody(robot.body(name)) for name in pair
-        )
-        assert shapes_a and shapes_b, pair
-        for a in shapes_a:
-            for b in shapes_b:
-                assert not inspector.CollisionFiltered(a, b), pair
 
 
 @pytest.mark.parametrize(
@@ -263,21 +207,6 @@ def test_rest_posture_is_clear(
 def test_natural_poses_are_free(upper_body: Loaded, posture: dict) -> None:
     distances = upper_body.pair_distances(upper_body.positions(posture))
     assert min(distances.values()) > 0.01
-
-
-def test_self_collision_is_seen(upper_body: Loaded) -> None:
-    """Both hands on one spot before the chest: the distance must go negative."""
-    posture = {
-        f"{side}_{joint}": value * (sign if joint == "shoulder_yaw" else 1)
-        for side, sign in (("left", 1), ("right", -1))
-        for joint, value in (
-            ("shoulder_pitch", -0.75),
-            ("shoulder_yaw", -0.8),
-            ("elbow", -1.6),
-        )
-    }
-    distances = upper_body.pair_distances(upper_body.positions(posture))
-    assert distances["left_hand", "right_hand"] < 0
 
 
 def mirrored(robot: Loaded, q: np.ndarray) -> np.ndarray:
@@ -456,13 +385,6 @@ def test_files_are_what_the_scripts_write(
     monkeypatch.syspath_prepend(str(MODELS))
     text = getattr(importlib.import_module(module), function)()
     assert text == (MODELS / file).read_text("utf-8")
-
-
-@pytest.mark.parametrize("name", [*ROBOTS, "shelf_arm"])
-def test_picture_is_small(name: str) -> None:
-    picture = MODELS / name / "picture.png"
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert picture.stat().st_size < 200_000
 
 
 def test_picture_script_refuses_a_bad_pose(tmp_path: Path) -> None:

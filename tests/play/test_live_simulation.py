@@ -83,24 +83,6 @@ def test_a_target_that_is_dragged_moves_at_a_bounded_speed(live):
     assert not live.offsets.any() and not live.moved.any()
 
 
-def test_targets_that_are_dragged_into_the_body_are_not_followed_there(live, referee):
-    """Both hands into the chest, through each other, behind the back, and home."""
-    steps(live, 60)
-    layout = live.model.layout
-    lowest, left = np.inf, 0.0
-    for where in ((0.0, 0.0, 0.75), (0.2, 0.0, 0.95), (0.05, 0.0, 1.0), None):
-        for task in range(2):
-            here = live.targets()[layout.position_entries[task]] - live.moved[task]
-            live.set_offset(task, np.zeros(3) if where is None else where - here)
-        for k in range(100):
-            live.step()
-            if k % 4 == 0:
-                lowest = min(lowest, referee.distances(live.positions()).min())
-        left = max(left, np.abs(live.diagnostics()["task_error"]).max())
-    assert 4e-3 <= lowest < 20e-3  # it was near,
-    assert left > 0.03  # and held back
-
-
 def test_a_push_gives_its_impulse_and_nothing_else_is_touched(live):
     """Against the same simulation without it, by the generalized momentum."""
     live.set_motion(False)

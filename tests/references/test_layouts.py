@@ -93,15 +93,6 @@ def same_turns(a: np.ndarray, b: np.ndarray, tolerance: float) -> bool:
 # --- written, and read by the test ------------------------------------------------
 
 
-@pytest.mark.parametrize("layout", ["xyzw-csv", "wxyz-csv"])
-def test_csv_is_written(tmp_path: Path, layout: str):
-    write_motion(tmp_path / "a.csv", motion(), layout)
-    table = np.loadtxt(tmp_path / "a.csv", delimiter=",")
-    assert np.array_equal(table[:, :3], P)
-    assert np.array_equal(table[:, 3:7], Q if layout == "wxyz-csv" else xyzw(Q))
-    assert np.array_equal(table[:, 7:], JOINTS)
-
-
 @pytest.mark.parametrize(
     "layout, order, links",
     [
@@ -254,16 +245,6 @@ def test_npz_with_the_root_and_names_is_read(tmp_path: Path):
     assert np.array_equal(read.joint_positions, JOINTS)
     assert np.array_equal(read.root_quaternions, Q)
     assert list(read.extras) == ["object_pos"] and not read.guesses
-
-
-def test_gmr_is_read(tmp_path: Path):
-    held = dict(fps=120, root_pos=P, root_rot=xyzw(Q), dof_pos=JOINTS)
-    held |= dict(local_body_pos=None, link_body_list=None)
-    (tmp_path / "a.pkl").write_bytes(pickle.dumps(held))
-    read = read_motion(tmp_path / "a.pkl")
-    assert read.layout == "gmr-pkl" and read.rate == 120.0
-    assert np.array_equal(read.root_quaternions, Q)
-    assert np.array_equal(read.joint_positions, JOINTS)
 
 
 def test_a_pickle_whose_quaternions_are_wxyz_is_told(tmp_path: Path):

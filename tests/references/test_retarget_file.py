@@ -108,12 +108,6 @@ def test_cleaning_it_changes_nothing(made, tmp_path):
     assert (tmp_path / "again.csv").read_bytes() == out.read_bytes()
 
 
-def test_it_lasts_as_long_as_the_person_moves(made, motion):
-    frames = int((FRAMES - 1) / 60.0 * RATE) + 1
-    assert made[3].cleaned.frames == motion.num_frames == frames
-    assert motion.rate == RATE
-
-
 def test_legs_point_where_the_persons_do(made, legs, person):
     _, _, _, clip = made
     for side in SIDES:

@@ -33,13 +33,6 @@ def test_the_first_sample_of_each_control_step(period, first):
         assert log.control_steps(period).tolist() == first
 
 
-def test_plain_numpy_reads_it(tmp_path):
-    small_log().save(tmp_path / "log.npz")
-    with np.load(tmp_path / "log.npz") as archive:
-        assert set(archive.files) == {field.name for field in fields(SimulationLog)}
-        np.testing.assert_array_equal(archive["time"], [0.0, 0.5, 1.0])
-
-
 def test_an_older_log_stays_if_saving_fails(tmp_path, monkeypatch):
     path = tmp_path / "log.npz"
     small_log().save(path)

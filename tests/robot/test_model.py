@@ -194,21 +194,6 @@ def test_distances_and_gradients(shapes):
     assert compared >= 8
 
 
-def test_box_against_sphere_at_a_known_place():
-    """A box of 0.25 x 0.08 x 0.06 about (0.45, 0, 0), a ball beside its face."""
-    ball = SPHERE_POST.replace("0.2 0.5 0.1", "0.45 0.3 0.0")
-    model = make_model(
-        chain_urdf("zz", shapes=('<box size="0.06 0.08 0.25"/>',), extra=ball),
-        pairs=[["l1", "post"]],
-    )
-    q = np.zeros(2)
-    state = model.evaluate(model.MakeWorkspace(), q, q)
-    assert state.d[0] == pytest.approx(0.3 - 0.04 - 0.1, abs=1e-6)
-    # The nearest point of the face is straight below the ball, at x = 0.45; the
-    # first joint's axis is at x = 0 and the second's at 0.3.
-    np.testing.assert_allclose(state.dd_dq[0], [-0.45, -0.15], atol=1e-4)
-
-
 def test_two_things_welded_to_the_world_have_no_gradient():
     wall = SPHERE_POST.replace("post", "wall").replace("0.2 0.5 0.1", "0 -1 0")
     model = make_model(
@@ -218,37 +203,6 @@ def test_two_things_welded_to_the_world_have_no_gradient():
     state = model.evaluate(model.MakeWorkspace(), q, v)
     assert state.d[0] == pytest.approx(np.hypot(np.hypot(0.2, 1.5), 0.1) - 0.2)
     np.testing.assert_array_equal(state.dd_dq, np.zeros((1, 2)))
-
-
-def test_scene_graph_agrees_where_it_is_exact():
-    """Sphere with sphere, and sphere with capsule."""
-    urdf = chain_urdf("zyz", shapes=(CAPSULE, '<sphere radius="0.06"/>'))
-    pairs = [["l0", "post"], ["post", "l1"], ["l2", "post"]]
-    closed = make_model(urdf, pairs=pairs)
-    queried = make_model(urdf, pairs=pairs, distances="scene_graph")
-    assert queried.pairs.needs_query and not closed.pairs.needs_query
-    inside = 0
-    for seed in range(20):
-        q, v = random_state(closed, seed)
-        a, b = (m.evaluate(m.MakeWorkspace(), q, v) for m in (closed, queried))
-        np.testing.assert_allclose(a.d, b.d, atol=1e-9)
-        np.testing.assert_allclose(a.dd_dq, b.dd_dq, atol=1e-7)
-        inside += (a.d < 0).sum()
-    assert inside > 0
-
-
-def test_filtered_pairs_still_have_a_distance():
-    """A plant whose contact is filtered out gives the same distances when cloned."""
-    urdf = chain_urdf("zz", shapes=('<box size="0.06 0.08 0.25"/>',))
-    model = make_model(urdf, pairs=[["l0", "l1"]], distances="scene_graph")
-    q = np.array([0.0, 1.2])
-    assert np.isfinite(model.evaluate(model.MakeWorkspace(), q, q).d).all()
-
-
-def test_no_pairs_at_all():
-    model = make_model(chain_urdf("zz"))
-    state = model.evaluate(model.MakeWorkspace(), *random_state(model, 0))
-    assert state.d.shape == (0,) and state.dd_dq.shape == (0, 2)
 
 
 @pytest.mark.parametrize("time_step", [0.0, 1e-3])
@@ -344,17 +298,6 @@ def test_two_actuators_of_one_joint_share_its_effort():
     np.testing.assert_allclose(tau - still, change, atol=1e-12)
 
 
-def test_limits_by_joint():
-    model = make_model(
-        chain_urdf("zz", rail="y", limits=(-1.0, 2.0)),
-        prescribed_joints={"rail": "hold"},
-    )
-    np.testing.assert_array_equal(model.lower, [-1.0, -1.0])
-    np.testing.assert_array_equal(model.upper, [2.0, 2.0])
-    unlimited = make_model(chain_urdf("zz", limits=None))
-    assert np.isinf(unlimited.lower).all() and np.isinf(unlimited.upper).all()
-
-
 def test_effort_limits_by_joint():
     """In the order of the joints, infinite where the model states none."""
     np.testing.assert_array_equal(
@@ -425,22 +368,6 @@ def test_the_slower_direction_counts():
 def test_refused_velocity_limits(limits, message):
     with pytest.raises(ModelError, match=message):
         make_model(chain_urdf("zz"), velocity_limits=limits)
-
-
-def test_rest_posture():
-    model = make_model(chain_urdf("zz"), rest_posture={"j1": 0.4})
-    np.testing.assert_array_equal(model.rest_positions(), [0.0, 0.4])
-
-
-def test_row_weights_follow_the_rows():
-    model = make_model(
-        chain_urdf("zz"),
-        [
-            Task(frame="l0", position_weight=2.0),
-            Task(frame="tip", kind="pose", position_weight=3.0, orientation_weight=0.5),
-        ],
-    )
-    np.testing.assert_array_equal(model.row_weights, [2] * 3 + [0.5] * 3 + [3] * 3)
 
 
 REFUSED = [
@@ -515,14 +442,6 @@ def test_floating_base_is_refused():
         )
 
 
-def test_plant_that_is_not_finalized_is_refused():
-    plant, scene_graph = add_plant(DiagramBuilder(), chain_urdf("zz"), finalize=False)
-    with pytest.raises(ModelError, match="Finalize"):
-        ControlModel.FromPlant(
-            plant, scene_graph, RobotDescription(), [Task(frame="tip")]
-        )
-
-
 def test_unknown_way_of_distances_is_refused():
     with pytest.raises(ModelError, match="closed_form"):
         make_model(chain_urdf("zz"), distances="exact")
@@ -552,14 +471,3 @@ def test_the_default_model_is_a_clone():
     np.testing.assert_array_equal(
         tau, model.inverse_dynamics(model.MakeWorkspace(), np.ones(2))
     )
-
-
-def test_two_workspaces_do_not_alias(model):
-    a, b = model.MakeWorkspace(), model.MakeWorkspace()
-    qa, va = random_state(model, 1)
-    qb, vb = random_state(model, 2)
-    model.evaluate(a, qa, va)
-    expected = model.inverse_dynamics(a, np.ones(5))
-    model.evaluate(b, qb, vb)
-    assert np.abs(model.inverse_dynamics(b, np.ones(5)) - expected).max() > 0.1
-    np.testing.assert_array_equal(model.inverse_dynamics(a, np.ones(5)), expected)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
@@ -49,40 +48,6 @@ def controlled(plant, scene_graph, builder, **options):
     )
 
 
-def test_three_lines_beside_a_plant():
-    """Torque moves a plant in a user's own builder to the target."""
-    builder = DiagramBuilder()
-    plant, scene_graph = add_plant(builder, chain_urdf("zyz", damping=0.5))
-    controller = controlled(plant, scene_graph, builder)
-    target = builder.AddSystem(ConstantVectorSource(np.r_[0.5, 0.4, 0.2, np.zeros(6)]))
-    builder.Connect(target.get_output_port(), controller.get_input_port_desired_tasks())
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    plant.SetPositions(context, [0.3, -0.4, 0.8])
-    simulator.AdvanceTo(2.0)
-    tip = plant.GetFrameByName("tip").CalcPoseInWorld(context).translation()
-    np.testing.assert_allclose(tip, [0.5, 0.4, 0.2], atol=1e-3)
-    assert np.abs(plant.GetVelocities(context)).max() < 1e-2
-
-
-def test_the_control_model_is_a_clone_by_default():
-    """Filters included; what is done to the plant afterwards does not reach it."""
-    builder = DiagramBuilder()
-    plant, scene_graph = add_plant(builder, chain_urdf("zz"))
-    controller = controlled(plant, scene_graph, builder)
-    model = controller.law.model
-    assert model.plant is not plant and model.scene_graph is not scene_graph
-    inspector = model.scene_graph.model_inspector()
-    a, b = (
-        model.plant.GetCollisionGeometriesForBody(model.plant.GetBodyByName(link))[0]
-        for link in ("l1", "post")
-    )
-    assert inspector.CollisionFiltered(a, b)
-    plant.SetDefaultPositions([0.7, 0.7])
-    np.testing.assert_array_equal(model.rest_positions(), [0.0, 0.0])
-
-
 def test_two_controllers_of_one_robot_are_refused():
     builder = DiagramBuilder()
     plant, scene_graph = add_plant(builder, chain_urdf("zyz"))
@@ -91,13 +56,6 @@ def test_two_controllers_of_one_robot_are_refused():
     with pytest.raises(ModelError, match="actuation is connected already"):
         controlled(plant, scene_graph, builder)
     assert len(builder.GetSystems()) == systems
-
-
-def test_plant_that_is_not_finalized():
-    builder = DiagramBuilder()
-    plant, scene_graph = add_plant(builder, chain_urdf("zz"), finalize=False)
-    with pytest.raises(ModelError, match="Finalize"):
-        controlled(plant, scene_graph, builder)
 
 
 @pytest.mark.parametrize(
@@ -157,8 +115,8 @@ def test_actuators_may_have_other_names():
     controlled(plant, scene_graph, builder, control_model=model)
 
 
-def test_a_robot_beside_other_things_that_move():
-    """Something like a gripper comes first in the plant; torques go to the robot."""
+def test_which_of_several_robots_is_meant_has_to_be_said():
+    """Something like a gripper comes first in the plant."""
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
     parser = Parser(plant)
@@ -181,21 +139,7 @@ def test_a_robot_beside_other_things_that_move():
         controlled(
             plant, scene_graph, builder, control_model=model, model_instance=gripper
         )
-    controller = controlled(
-        plant, scene_graph, builder, control_model=model, model_instance=arm
-    )
-    for port, value in (
-        (controller.get_input_port_desired_tasks(), np.r_[0.5, 0.4, 0.2, np.zeros(6)]),
-        (plant.get_actuation_input_port(gripper), [0.0]),
-    ):
-        source = builder.AddSystem(ConstantVectorSource(value))
-        builder.Connect(source.get_output_port(), port)
-    simulator = Simulator(builder.Build())
-    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    plant.SetPositions(context, arm, [0.3, -0.4, 0.8])
-    simulator.AdvanceTo(2.0)
-    tip = plant.GetFrameByName("tip", arm).CalcPoseInWorld(context).translation()
-    np.testing.assert_allclose(tip, [0.5, 0.4, 0.2], atol=1e-3)
+    controlled(plant, scene_graph, builder, control_model=model, model_instance=arm)
 
 
 def test_a_robot_that_something_else_carries_is_refused():
@@ -232,28 +176,6 @@ def test_plant_heavier_than_its_model_is_accepted():
     controlled(plant, scene_graph, builder, control_model=make_model(chain_urdf("zz")))
 
 
-def test_a_shipped_robot_in_a_plant():
-    """As Drake's own parser reads it, in its rest posture, beside other things."""
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
-    plant.AddRigidBody("ball", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
-    description = AddRobot(plant, "upper_body")
-    plant.Finalize()
-    assert plant.HasBodyNamed("ball")
-    alone = MultibodyPlant(1e-3)
-    Parser(alone).AddModels(str(data_folder("models") / "upper_body/upper_body.urdf"))
-    alone.WeldFrames(alone.world_frame(), alone.GetFrameByName(description.base))
-    alone.Finalize()
-    assert plant.num_positions() == alone.num_positions() + 7
-    context = plant.CreateDefaultContext()
-    for index in alone.GetJointIndices():
-        joint = alone.get_joint(index)
-        if joint.num_positions():
-            value = description.rest_posture.get(joint.name(), 0.0)
-            assert plant.GetJointByName(joint.name()).GetOnePosition(context) == value
-    assert description.rest_posture and len(description.pairs) == 30
-
-
 def test_a_robot_by_path_and_by_description():
     path = data_folder("models") / "obstacle_arm"
     described = load_robot_description(path)
@@ -272,24 +194,6 @@ def test_a_robot_that_cannot_be_added():
     plant.Finalize()
     with pytest.raises(ModelError, match="finalized already"):
         AddRobot(plant, "upper_body")
-
-
-def test_the_tasks_of_a_posture_are_where_its_frames_are():
-    model = ControlModel.FromDescription(
-        load_robot_description("obstacle_arm"),
-        [Task(frame="tool", kind="pose"), Task(frame="arm::palm", point=[0, 0, 0.1])],
-    )
-    q = np.linspace(-0.4, 0.5, 7)
-    plant, context = model.plant, model.plant.CreateDefaultContext()
-    plant.SetPositions(context, q)
-    tool = plant.GetFrameByName("tool").CalcPoseInWorld(context)
-    palm = plant.GetBodyByName("palm").EvalPoseInWorld(context)
-    desired = model.tasks_at(q)
-    assert desired.shape == (10 + 2 * 9,) and not desired[10:].any()
-    wxyz = tool.rotation().ToQuaternion().wxyz()
-    np.testing.assert_allclose(abs(desired[:4] @ wxyz), 1.0, atol=1e-12)
-    np.testing.assert_allclose(desired[4:7], tool.translation(), atol=1e-12)
-    np.testing.assert_allclose(desired[7:10], palm @ [0.0, 0.0, 0.1], atol=1e-12)
 
 
 def runnable(name: str, request) -> Scenario:
@@ -314,26 +218,6 @@ def runnable(name: str, request) -> Scenario:
 def built(request) -> tuple[Scenario, Diagram]:
     scenario = runnable(request.param, request)
     return scenario, MakeCrarDiagram(scenario)
-
-
-def test_subsystems_and_ports_are_as_documented(built):
-    scenario, diagram = built
-    model = diagram.GetSubsystemByName("crar_controller").law.model
-    for name in ("plant", "scene_graph", "crar_controller", "desired_tasks"):
-        assert diagram.HasSubsystemNamed(name)
-    assert diagram.HasSubsystemNamed("desired_prescribed") == bool(model.n_p)
-    for name in ("state", "desired_tasks", "diagnostics"):
-        assert diagram.HasSubsystemNamed(f"log_{name}")
-    outputs = {
-        diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())
-    }
-    controller = diagram.GetSubsystemByName("crar_controller")
-    of_controller = {
-        controller.get_output_port(i).get_name()
-        for i in range(controller.num_output_ports())
-    }
-    assert outputs == {"state", "query", "desired_tasks"} | of_controller
-    assert diagram.num_input_ports() == 0
 
 
 def test_it_starts_at_rest_and_valid(built):
@@ -476,18 +360,6 @@ def test_refused_scenarios(scenario, words):
         MakeCrarDiagram(scenario)
     for word in words:
         assert word in str(caught.value)
-
-
-def test_prepared_setup_gives_the_same_diagram():
-    scenario = load_scenario("obstacle_arm")
-    setup = PrepareScenario(scenario)
-    assert isinstance(setup.model, ControlModel) and setup.motion.duration == 8.0
-    contexts = [
-        MakeCrarDiagram(scenario, setup=s).CreateDefaultContext() for s in (setup, None)
-    ]
-    states = [c.get_discrete_state_vector().CopyToVector() for c in contexts]
-    np.testing.assert_array_equal(states[0], states[1])
-    np.testing.assert_array_equal(states[0][:7], setup.start_positions)
 
 
 def test_two_robots_in_one_diagram_do_as_each_alone():

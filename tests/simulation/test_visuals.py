@@ -8,8 +8,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from small_robots import chain_urdf
 
+from benchmarks.section_iv.snapshots import SnapshotRenderer
 from crar_drake.commands import main
-from crar_drake.results.snapshots import SnapshotRenderer
 from crar_drake.robot.description import RobotDescription
 from crar_drake.simulation.diagram import MakeCrarDiagram
 from crar_drake.simulation.scenario import load_scenario

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from small_robots import chain_urdf, make_model
 
-from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks
+from crar_drake.robot.task import Task
 from crar_drake.targets.start_pose import solve_start_pose
 
 MARGIN = 0.02 - 1e-9  # [m] and [rad]
@@ -118,22 +117,3 @@ def test_poses_are_reached_in_orientation_too():
     reached = model.evaluate(model.MakeWorkspace(), q, np.zeros(6))
     np.testing.assert_allclose(reached.p, state.p, atol=5e-3)
     np.testing.assert_allclose(reached.R, state.R, atol=2e-2)
-
-
-@pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_the_humanoid_is_valid_at_hostile_targets(experiment):
-    """Both wrists in the chest, and everything a metre ahead."""
-    description = load_robot_description("upper_body")
-    model = ControlModel.FromDescription(
-        description, position_tasks(EXPERIMENTS[experiment])
-    )
-    rest = model.rest_positions()
-    state = model.evaluate(model.MakeWorkspace(), rest, np.zeros_like(rest))
-    count = len(state.p)
-    for p in (np.tile([0.0, 0.0, 0.9], (count, 1)), state.p + [1.0, 0.0, 0.0]):
-        q = solve_start_pose(model, position(model, p), rest[model.prescribed])
-        check_valid(model, q)
-    found = solve_start_pose(
-        model, position(model, state.p + [0.02, 0.0, 0.01]), rest[model.prescribed]
-    )
-    check_valid(model, found)

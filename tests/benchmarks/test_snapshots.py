@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Sphere
 
-from crar_drake.results.snapshots import TINT, SnapshotRenderer, inflated
+from benchmarks.section_iv.snapshots import TINT, SnapshotRenderer, inflated
 from crar_drake.robot.description import load_robot_description
 
 

@@ -1,8 +1,8 @@
 """A control law among obstacles that move by themselves.
 
-What the law commands goes through `SafetyFilter.left_among`, which has the theorem of
-`docs/theory/moving-obstacles.md`: to the last bit where nothing is near. The law keeps
-pairs and limits itself, and goes on from where that leads.
+A step of the law is a desired step of the filter: it is taken bit-identical where
+nothing is near, and else changed as a joint command is. The law keeps pairs and limits
+itself, and goes on from where that leads.
 """
 
 from dataclasses import replace
@@ -12,18 +12,9 @@ import numpy as np
 from crar_drake.control.obstacles import Obstacles, Regions
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import Memory, Solution
-from crar_drake.control.safety_filter import (
-    FilterMemory,
-    SafetyFilter,
-    filter_parameters,
-)
-from crar_drake.equations.admission import AS_NOMINAL
-from crar_drake.equations.filter_among import (
-    AMONG_HOW,
-    AMONG_PAIRS,
-    AMONG_SHARE,
-)
+from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
 from crar_drake.errors import ScenarioError
+from crar_drake.law.step import CORRECTED, State
 from crar_drake.robot.model import ControlModel
 
 # A robot that is off its command by less is where it was told to be [rad or m, per
@@ -115,26 +106,26 @@ class LawAmong:
         Returns:
             Whether they were changed; where obstacles are a period on at most.
         """
-        period, how = self.filter.period, solution.admission
-        known, all_clear = bool(how[3] == 1.0), bool(regions.clear.all())
-        left = self.filter.left_among(
-            regions,
-            FilterMemory(q, v),
-            v + period * solution.acceleration,
-            known,
-        )
-        found, later = left.found, regions.later(period, left.clear)
-        changed = found[AMONG_HOW] != AS_NOMINAL
+        filter, how = self.filter, solution.admission
+        T, period = filter.parameters.braking_horizon, filter.period
+        s = v + T * solution.acceleration
+        known = bool(how[3] == 1.0)
+        state = State(q, v, len(q), T, period, period, lambda: s, known)
+        found, clear = filter.left_among_obstacles(state, regions)
+        later, all_clear = regions.later(period, clear), bool(regions.clear.all())
+        changed = found.s is not s
         if not np.isnan(how[0]) and (changed or not all_clear):
             how = how.copy()
             if changed:
-                how[:2] = max(how[0], found[AMONG_HOW]), found[AMONG_SHARE]
-                how[2] = found[AMONG_PAIRS] + 0.0 * how[2]  # NaN where not examined
+                how[:2] = max(how[0], found.how, CORRECTED), found.share
+                pairs = filter.pairs
+                left = found.clearances.get(pairs.name, pairs.least_kept)
+                how[2] = left + 0.0 * how[2]  # NaN where not examined
             how[3] *= all_clear
             solution.of_mode = {**solution.of_mode, "admission": how}
         if changed:
-            solution.acceleration = (left.v - v) / period
-            solution.obstacle = self.filter.ran_into(regions, found)
+            solution.acceleration = (found.s - v) / T
+            solution.obstacle = filter.among.ran_into(regions, found)
         return changed, later
 
 

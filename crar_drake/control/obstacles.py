@@ -1,13 +1,13 @@
 """Obstacles that move by themselves, for the safety filter.
 
 `docs/theory/moving-obstacles.md` has the theorem and its proof; the equations are in
-`equations.moving_obstacles` and `equations.filter_among`.
+`equations.moving_obstacles` and `law.spheres`.
 """
 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,6 @@ from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import InputError
 from crar_drake.control.tracking_error import joint_errors
 from crar_drake.equations.compilation import Held, hold
-from crar_drake.equations.filter_among import AMONG, step_among
 from crar_drake.equations.moving_obstacles import (
     Evasion,
     Moving,
@@ -27,6 +26,8 @@ from crar_drake.equations.moving_obstacles import (
     passing,
 )
 from crar_drake.errors import ScenarioError
+from crar_drake.law.spheres import MovingSpheres
+from crar_drake.law.step import Step
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.watched_links import watched_links
 
@@ -153,16 +154,6 @@ class Regions:
         return Regions(grown, self.clear if clear is None else clear, seen=seen)
 
 
-@dataclass(frozen=True)
-class Among:
-    """What is left of a command among obstacles."""
-
-    found: np.ndarray  # (6,) of `filter_among`, at AMONG_HOW, ...
-    v: np.ndarray  # (n,) the velocity
-    # (N,) bool, whether the next state is clear of each, as it then may be
-    clear: np.ndarray = field(repr=False)
-
-
 class ObstacleFilter:
     """What keeps the links of a robot from obstacles, or slow.
 
@@ -170,6 +161,7 @@ class ObstacleFilter:
         links: names of the links that count: those of watched pairs that move and have
             capsules or spheres.
         kept_at: d_e, the distance from what is evaded [m].
+        constraint: of the step.
     """
 
     def __init__(
@@ -177,12 +169,12 @@ class ObstacleFilter:
         model: ControlModel,
         mode: LookaheadMode,
         gains: CrarParameters,
-        law: Held,
+        robot: Held,
     ) -> None:
         """
         Args:
             model, mode, gains: of the filter.
-            law: holds `FilterLaw`.
+            robot: holds its `Robot` in closed form.
 
         Raises:
             ScenarioError: a parameter does not go with obstacles.
@@ -204,12 +196,14 @@ class ObstacleFilter:
         links, self.links = watched_links(model, errors)
         self._floor = mode.admission.floor
         numbers = passing(T, period, self._floor, speed)
-        self._period, self._law = period, law
+        self._period, self._robot = period, robot
         self._evades, self._smoothed = gains.lookahead.evade, 0.5 * T
         self.kept_at = self._floor + _KEPT_MORE
         slows = np.log(_FAST / (numbers.kappa * min(speed, _FAST)))  # (M1), to v_ok
         evasion = Evasion(1.0 / T, numbers.eta + numbers.T_star * slows, _WEIGHT)
         self._world = hold(WorldLaw(hold(links), numbers, evasion))
+        rows = mode.numbers.value.gains
+        self.constraint = MovingSpheres(robot, self._world, rows, self._floor)
 
     def regions(
         self,
@@ -244,7 +238,7 @@ class ObstacleFilter:
                 q,
                 v,
                 _spheres(given, unknown),
-                self._law.value.robot,
+                self._robot,
                 self._world,
             )
         if len(some) and given.names is not None:
@@ -290,10 +284,8 @@ class ObstacleFilter:
         radii[stale] = old.radii[at]
         return Seen(given.with_radii(radii), velocity, age)
 
-    def _moving(self, seen: Seen | None) -> Moving:
+    def _moving(self, seen: Seen) -> Moving:
         """What is evaded: those that may move, where they are by now."""
-        if seen is None:
-            return _NOTHING_MOVES
         of = seen.spheres
         some = np.flatnonzero((of.speeds > 0.0) & (seen.age <= _SEEN))
         velocity = np.nan_to_num(seen.velocity[some])
@@ -301,44 +293,25 @@ class ObstacleFilter:
         radii = of.radii[some] + self.kept_at
         return Moving(Spheres(centres, radii, of.speeds[some]), velocity)
 
-    def step(
-        self,
-        regions: Regions,
-        q: np.ndarray,
-        v: np.ndarray,
-        v_next: np.ndarray,
-        held: bool,
-        evade: bool = True,
-    ) -> Among:
-        """What is left of a command; arguments as of `filter_among.step_among`.
+    def place(self, regions: Regions) -> MovingSpheres:
+        """The constraint, told where obstacles are taken to be."""
+        moving = None if regions.seen is None else self._moving(regions.seen)
+        shapes = _spheres(regions.spheres, slice(None))
+        self.constraint.place(shapes, regions.clear, moving)
+        return self.constraint
 
-        Args:
-            evade: whether what is seen to come is evaded, if it is at all.
-        """
-        of = regions.spheres
-        answer = step_among(
-            q,
-            v,
-            v_next,
-            held,
-            regions.clear,
-            _spheres(of, slice(None)),
-            self._moving(regions.seen if evade else None),
-            self._law,
-            self._world,
-        )
-        end = AMONG + len(q)
-        return Among(answer[:AMONG], answer[AMONG:end].copy(), answer[end:] != 0.0)
+    def ran_into(self, regions: Regions, found: Step) -> tuple[str, str] | None:
+        """The obstacle and the link that held back a step; None of none."""
+        link, sphere = self.constraint.evaded
+        check = found.objections.get(self.constraint.name)
+        if check is not None:
+            link, sphere = check.index
+        return None if link < 0 else (regions.spheres.name(sphere), self.links[link])
 
 
 def _spheres(of: Obstacles, which: np.ndarray | slice) -> Spheres:
     """Some of them, for the equations."""
     return Spheres(of.centres[which], of.radii[which], of.speeds[which])
-
-
-_NOTHING_MOVES = Moving(
-    Spheres(np.zeros((0, 3)), np.zeros(0), np.zeros(0)), np.zeros((0, 3))
-)
 
 
 def _places(before: Regions | None, given: Obstacles) -> np.ndarray:

@@ -9,7 +9,7 @@ last bit. `equations.joint_filter` has the step, `docs/theory/theorem.md` the pr
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,48 +18,18 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crar_drake.control.effort_limits import EffortLimits
 from crar_drake.control.modes.lookahead import LookaheadMode
-from crar_drake.control.obstacles import (
-    Among,
-    ObstacleFilter,
-    Obstacles,
-    Regions,
-)
+from crar_drake.control.obstacles import ObstacleFilter, Obstacles, Regions
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
-from crar_drake.control.records import InputError, Solution
-from crar_drake.equations.admission import AS_NOMINAL, CORRECTED, SCALED
-from crar_drake.equations.compilation import hold
-from crar_drake.equations.filter_among import (
-    AMONG_CLEARANCE,
-    AMONG_HOW,
-    AMONG_PAIRS,
-    AMONG_SHARE,
-    LINK,
-    SPHERE,
-)
-from crar_drake.equations.joint_filter import (
-    ACCELERATION,
-    BY_LIMIT,
-    BY_PAIR,
-    BY_SPEED,
-    CATCHING_UP,
-    CLEARANCE,
-    HELD,
-    HOW,
-    JOINT,
-    NOTHING,
-    PAIR,
-    POSITION,
-    REPORTED,
-    SHARE,
-    VELOCITY,
-    WHY,
-    FilterLaw,
-    filter_step,
-)
+from crar_drake.control.plausible import fastest_asked
+from crar_drake.control.records import InputError
 from crar_drake.equations.references import TaskGains
 from crar_drake.errors import ModelError, ScenarioError, nearest
+from crar_drake.law.joint_command import JointCommand
+from crar_drake.law.limits import Limits
+from crar_drake.law.motors import Motors
+from crar_drake.law.pairs import Approach, Pairs
+from crar_drake.law.step import CORRECTED, NOMINAL, SCALED, State, Step, step
 from crar_drake.robot.balls import find_balls, robot_in_closed_form
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
@@ -67,18 +37,9 @@ from crar_drake.robot.model import ControlModel
 # What a user may give for the joints: (n,) in the order of `joint_names`, or by name.
 Joints = ArrayLike | Mapping[str, float]
 
-NOMINAL = "nominal"
 BRAKING = "braking"
-_HOW = {AS_NOMINAL: NOMINAL, CORRECTED: "corrected", SCALED: "scaled"}
-_WHY = {
-    NOTHING: "",
-    BY_PAIR: "pair",
-    BY_LIMIT: "joint limit",
-    BY_SPEED: "joint speed",
-    CATCHING_UP: "catching up",
-}
-MOTOR, NO_NUMBER, NO_SENSE = "motor", "no number", "no sense"
-OBSTACLE = "obstacle"
+_HOW = {NOMINAL: "nominal", CORRECTED: "corrected", SCALED: "scaled"}
+CATCHING_UP, NO_NUMBER, NO_SENSE = "catching up", "no number", "no sense"
 
 # How fast margins of pairs may be used up, unless it is given [1/s]; but half of one in
 # a period at most. A command is changed only where it would not be clear, so late.
@@ -87,6 +48,9 @@ _APPROACH = 100.0
 _INFLUENCE = 0.1
 # T of the control law, unless it is given [s].
 _HORIZON = CrarParameters().longest_braking_horizon
+# Braking time constants are these times T: shorter ones where a robot moves so fast at
+# the start that its path over T is not collision-free, longer ones for weak motors [1].
+_SHORTER, _LONGER = (0.2, 0.34, 0.58), (1.6, 2.6, 4.2)
 # Gains of the control law that a filter has no use for: so small that no period is too
 # long for them.
 _NO_FEEDBACK = {"K": 1e-6, "Kp": 1e-6, "Gv": 1e-6}
@@ -126,6 +90,8 @@ class FilterReport:
             [m]; a bound from below. NaN where a watched pair is not examined (a
             cylinder, say), and while it brakes.
         clear: whether the path that the step started with is known to be clear.
+        motor_use: the largest share of a motor's limit that the command takes, now or
+            braking after it [1]; NaN without effort limits, and while it brakes.
         tracking_error: the farthest that a measured joint is from the command before
             [rad or m], NaN where nothing is measured; and
         tracking_joint: of which joint, or None.
@@ -151,6 +117,7 @@ class FilterReport:
     obstacle: tuple[str, str] | None = None
     obstacle_clearance: float = np.nan
     too_fast: tuple[str, ...] = ()
+    motor_use: float = np.nan
 
     @property
     def braking(self) -> bool:
@@ -189,10 +156,11 @@ class FilterMemory:
     q: np.ndarray  # (n,) the command's positions [rad or m]
     v: np.ndarray  # (n,) and its velocities [rad/s or m/s]
     # (n,) the position that was wanted, None if none was
-    wish: np.ndarray | None = None
+    desired: np.ndarray | None = None
     following: bool = False  # whether the command was the wanted one
     pushed: bool = False  # whether a pair of links held it back
     known: bool = False  # whether its braking path is known to be clear
+    T: float = 0.0  # over which [s]; 0 before the first step
     # where obstacles are at the next step at most; None without any
     regions: Regions | None = None
     command: FilterCommand | None = None  # all of it; None before the first step
@@ -297,14 +265,40 @@ class SafetyFilter:
         with self._refusing():
             mode = LookaheadMode(model, gains, nothing, self.period)
         self._T = float(mode.horizon)
-        robot = robot_in_closed_form(model, mode.robot)
-        balls = hold(find_balls(model, mode.losses))
-        self._law = hold(FilterLaw(robot, mode.numbers, balls))
+        self._choices = [share * self._T for share in (*_SHORTER, 1.0, *_LONGER)]
+        self._choices = [T for T in self._choices if T >= 1.6 * self._period]
+        numbers = mode.numbers.value.gains
+        self._speed = numbers.nominal_speed_limit
         rows = model.pairs.closed_rows
-        self._pairs = [model.pairs.names[i] for i in model.pairs.pair_of_shapes[rows]]
+        robot = robot_in_closed_form(model, mode.robot)
+        self.pairs = Pairs(
+            robot,
+            mode.reaches,
+            find_balls(model, mode.losses),
+            [model.pairs.names[i] for i in model.pairs.pair_of_shapes[rows]],
+            mode.admission.floor,
+            Approach(
+                margin=numbers.distance_margin,
+                rate=numbers.approach_rate,
+                retreat_rate=numbers.retreat_rate,
+                retreat_speed=numbers.retreat_speed,
+                influence=numbers.influence_distance,
+            ),
+        )
+        fastest = gains.speed_limits(model)[model.controlled]
+        self.limits = Limits(
+            *(mode.lower, mode.upper, np.minimum(fastest, fastest_asked(model))),
+            *(numbers.retreat_rate, numbers.joint_retreat_speed),
+        )
+        self.constraints = [self.limits, self.pairs]
+        self.motors = None
+        limits = gains.effort_limits(model)
+        if np.isfinite(limits).any():
+            ticks = gains.torque_ticks(self._period)
+            self.motors = Motors(model, limits, ticks)
+            self.constraints.append(self.motors)
         self._examines_all = not model.pairs.not_examined
-        self._efforts = EffortLimits(model, mode, gains)
-        self._mode = mode
+        self._mode, self._robot = mode, robot
         self.reset()
 
     @property
@@ -414,77 +408,201 @@ class SafetyFilter:
         regions = memory.regions
         if obstacles is not None:
             regions = self.among.regions(regions, obstacles, memory.q, memory.v)
-        kind, wish, rate = self._wanted(memory, q, v, a)
-        if not (np.isfinite(wish).all() and np.isfinite(rate).all()):
+        desired = self._desired(memory, q, v, a)
+        if not desired.is_finite():
             return self._brake(memory, NO_NUMBER, error, worst, regions)
-        # Of numbers beyond all sense without Numba.
+        state = self._state(memory, desired)
+        # Of numbers beyond all sense.
         with np.errstate(over="ignore", invalid="ignore"):
-            found = filter_step(
-                memory.q,
-                memory.v,
-                kind,
-                wish,
-                rate,
-                _NOTHING if memory.wish is None else memory.wish,
-                memory.following,
-                memory.pushed,
-                memory.known,
-                self._law,
-            )
-        if not np.isfinite(found[REPORTED:]).all():
-            return self._brake(memory, NO_SENSE, error, worst, regions)
-        how, why = found[HOW], _WHY[found[WHY]]
-        joint, pair = int(found[JOINT]), int(found[PAIR])
-        q_next, v_next, vdot = found[REPORTED:].reshape(3, -1)
-        if self._efforts.finite:
-            limited, motor = self._within_efforts(memory, vdot)
-            if motor is not None:
-                vdot, (how, found[SHARE], found[CLEARANCE], _) = limited
-                v_next = memory.v + self.period * vdot
-                q_next = memory.q + self.period * v_next
-                why, joint, how = MOTOR, motor, max(how, CORRECTED)
-        held, of_regions = bool(found[HELD]), {}
-        clear = held
-        if regions is not None:
-            left = self.left_among(regions, memory, v_next, held)
-            of = left.found
-            of_regions = {
-                "obstacle": self.ran_into(regions, of),
-                "obstacle_clearance": (
-                    float(of[AMONG_CLEARANCE]) if self._examines_all else np.nan
-                ),
-                "too_fast": regions.too_fast,
-            }
-            if of[AMONG_HOW] != AS_NOMINAL:
-                how, why = max(how, of[AMONG_HOW]), OBSTACLE
-                found[SHARE], found[CLEARANCE] = of[AMONG_SHARE], of[AMONG_PAIRS]
-                v_next = left.v
-                q_next = memory.q + self.period * v_next
-                vdot = (v_next - memory.v) / self.period
-            clear = held and bool(regions.clear.all())
-            regions = regions.later(self.period, left.clear)
-        report = FilterReport(
-            _HOW[how],
-            float(found[SHARE]),
-            why,
-            self._pairs[pair] if pair >= 0 else None,
-            self.joint_names[joint] if joint >= 0 else None,
-            float(found[CLEARANCE]) if self._examines_all else np.nan,
-            clear,
-            error,
-            worst,
-            **of_regions,
+            q_next, v_next = desired.state(memory.q, memory.v, self._period)
+            state.T = self._time_constant(state, memory, regions)
+            s = state.v + (state.T / self._period) * (v_next - state.v)
+            if not np.isfinite(s).all():
+                return self._brake(memory, NO_SENSE, error, worst, regions)
+            # Lest the robot leap, what was held back catches up no faster than this.
+            calm = memory.following or np.abs(s).max() <= self._speed
+            taken, safe_of = s if calm else None, None
+            if regions is None:
+                lazily = not memory.pushed or taken is None
+                found = step(state, self.constraints, taken, lazily)
+            else:
+                found, safe_of = self.among_obstacles(
+                    state, regions, taken, memory.pushed
+                )
+        if found.how != NOMINAL or found.s is not s:
+            v_next = state.v + self._period * ((found.s - state.v) / state.T)
+            q_next = state.q + self._period * v_next
+        report = self._report(state, found, s, calm, regions, error, worst)
+        command = FilterCommand(
+            *(self.joint_names, q_next, v_next),
+            *((v_next - state.v) / self._period, report),
         )
+        if regions is not None:
+            regions = regions.later(self._period, safe_of)
         # The command is the user's, who may change it.
         return FilterMemory(
             q_next.copy(),
             v_next.copy(),
-            wish if kind == POSITION else None,
-            how == AS_NOMINAL,
-            pair >= 0,
-            held,
+            desired.q,
+            report.how == _HOW[NOMINAL],
+            bool({"pair", "obstacle"} & set(found.objections)),
+            self.pairs.present_is_clear,
+            state.T,
             regions,
-            FilterCommand(self.joint_names, q_next, v_next, vdot, report),
+            command,
+        )
+
+    def among_obstacles(
+        self,
+        state: State,
+        regions: Regions,
+        desired: np.ndarray | None,
+        pushed: bool = False,
+    ) -> tuple[Step, np.ndarray]:
+        """The step of a state with a nominal, among obstacles.
+
+        Args:
+            state: of all joints.
+            regions: where obstacles are taken to be.
+            desired: (n,) s of a command that is taken bit-identical if it is safe; None
+                if none may be.
+            pushed: whether pairs or obstacles held back the step before.
+
+        Returns:
+            The step; (N,) bool, of which obstacles the next state is safe.
+        """
+        spheres = self.among.place(regions)
+        evades = spheres.evades(state, state.nominal if desired is None else desired)
+        lazily = not pushed and not evades
+        taken = None if evades else desired
+        found = step(state, [*self.constraints, spheres], taken, lazily)
+        return found, spheres.clear_after(found.how == SCALED and found.share == 0.0)
+
+    def left_among_obstacles(
+        self, state: State, regions: Regions
+    ) -> tuple[Step, np.ndarray]:
+        """What is left among obstacles of the nominal, of which pairs, limits and
+        motors are known to be safe; arguments and answers as of `among_obstacles`."""
+        spheres = self.among.place(regions)
+        if not spheres.evades(state, state.nominal):
+            spheres.begin(state)
+            check = spheres.examine(state, state.nominal, False)
+            if check.safe:
+                clearances = {spheres.name: check.clearance}
+                found = Step(state.nominal, NOMINAL, 1.0, {}, clearances)
+                return found, spheres.clear_after(False)
+        return self.among_obstacles(state, regions, None, pushed=True)
+
+    def _state(self, memory: FilterMemory, desired: JointCommand) -> State:
+        """The state of a step whose T is that of the step before."""
+
+        def nominal() -> np.ndarray:
+            return desired.nominal(
+                *(state.q, state.v, memory.desired),
+                *(state.T, self._period, self._speed),
+            )
+
+        state = State(
+            *(memory.q, memory.v, self._n, memory.T or self._T),
+            *(self._period, self._period, nominal, memory.known),
+        )
+        return state
+
+    def _time_constant(
+        self, state: State, memory: FilterMemory, regions: Regions | None
+    ) -> float:
+        """T of this step [s]: that of the step before, or the next that will do.
+
+        It grows only onto a braking path that is collision-free and within the limits.
+        Among obstacles it is fixed.
+        """
+        if regions is not None:
+            state.known &= memory.T == self._T
+            return self._T
+
+        def is_clear(T: float) -> bool:
+            end = state.q + T * state.v
+            inside = (self.limits.lower <= end) & (end <= self.limits.upper)
+            return bool(inside.all()) and self.pairs.is_clear(state.q, state.v, T)
+
+        if not memory.T:  # the first step
+            if is_clear(self._T):
+                state.known = True
+                return self._T
+            state.T = 0.0
+        shorter = [T for T in self._choices if state.T < T <= self._T]
+        T = state.T
+        for longer in shorter:
+            if not is_clear(longer):
+                break
+            T, state.known = longer, True
+        T = T or self._T
+        if self.motors is None:
+            return T
+        self.motors.measure(state.q, state.v)
+        state.T = T
+        choices = sorted({min(T, self._T), T, *(x for x in self._choices if x > T)})
+        chosen = self.motors.braking_time_constant(
+            state, (state.nominal - state.v) / T, choices, is_clear
+        )
+        del state.nominal  # which is another with another T
+        state.known |= chosen > T
+        return chosen
+
+    def _report(
+        self,
+        state: State,
+        found: Step,
+        s: np.ndarray,
+        calm: bool,
+        regions: Regions | None,
+        error: float,
+        worst: str | None,
+    ) -> FilterReport:
+        """What became of a desired step s (n,)."""
+        how = found.how if found.s is s else max(found.how, CORRECTED)
+        why, joint = "", None
+        if how != NOMINAL and not found.objections and not calm:
+            why, joint = CATCHING_UP, int(np.argmax(np.abs(s)))
+        pair, obstacle = None, None
+        for name, check in found.objections.items():
+            why = why or check.reason or name
+            if name == self.pairs.name:
+                pair = self.pairs.names[check.index]
+            elif name == self.limits.name and joint is None:
+                joint = check.index
+            elif self.motors is not None and name == self.motors.name:
+                joint = self.motors.joint_of(check.index) if joint is None else joint
+        of_regions = {}
+        if regions is not None:
+            obstacle = self.among.ran_into(regions, found)
+            if obstacle is not None and not why:
+                why = self.among.constraint.name
+            left = found.clearances.get(self.among.constraint.name, np.nan)
+            of_regions = {
+                "obstacle": obstacle,
+                "obstacle_clearance": left if self._examines_all else np.nan,
+                "too_fast": regions.too_fast,
+            }
+        if how != NOMINAL and not why:
+            # Nothing is wrong with the command but what is violated already.
+            why = self.pairs.name
+        clearance = found.clearances.get(self.pairs.name, self.pairs.least_kept)
+        clear = self.pairs.present_is_clear
+        if regions is not None:
+            clear = clear and bool(regions.clear.all())
+        return FilterReport(
+            _HOW[how],
+            float(found.share),
+            why,
+            pair,
+            None if joint is None else self.joint_names[joint],
+            float(clearance) if self._examines_all else np.nan,
+            clear,
+            error,
+            worst,
+            motor_use=np.nan if self.motors is None else self.motors.largest_use,
+            **of_regions,
         )
 
     @cached_property
@@ -495,7 +613,7 @@ class SafetyFilter:
             ScenarioError: a parameter does not go with them.
         """
         with self._refusing():
-            return ObstacleFilter(self.model, self._mode, self.parameters, self._law)
+            return ObstacleFilter(self.model, self._mode, self.parameters, self._robot)
 
     @contextmanager
     def _refusing(self) -> Iterator[None]:
@@ -506,43 +624,8 @@ class SafetyFilter:
             text = str(error).replace("controller.", f"{self.parameters_of}.")
             raise ScenarioError(text) from None
 
-    def left_among(
-        self, regions: Regions, memory: FilterMemory, v_next: np.ndarray, held: bool
-    ) -> Among:
-        """What is left of a command among obstacles, within the motors' limits.
-
-        Args:
-            regions: where they are taken to be.
-            memory: with the state.
-            v_next: (n,) the velocity of the command, that pairs and limits allow.
-            held: whether all pairs are clear of each other on the present braking path.
-        """
-        among, q, v = self.among, memory.q, memory.v
-        left = among.step(regions, q, v, v_next, held)
-        if not self._efforts.finite or left.found[AMONG_HOW] == AS_NOMINAL:
-            return left
-        limited, motor = self._within_efforts(memory, (left.v - v) / self.period)
-        if motor is None:
-            return left
-        v_next = v + self.period * limited[0]
-        again = among.step(regions, q, v, v_next, held, evade=False)
-        found = left.found
-        found[AMONG_PAIRS], found[AMONG_SHARE] = limited[1][2], limited[1][1]
-        found[AMONG_CLEARANCE] = again.found[AMONG_CLEARANCE]
-        if again.found[AMONG_HOW] == AS_NOMINAL:
-            return Among(found, v_next, again.clear)
-        # Braking is within both.
-        found[AMONG_HOW], found[AMONG_SHARE] = SCALED, 0.0
-        found[AMONG_PAIRS] = found[AMONG_CLEARANCE] = np.nan
-        return Among(found, v - self.period * v / self._T, regions.clear)
-
-    def ran_into(self, regions: Regions, found: np.ndarray) -> tuple[str, str] | None:
-        """The obstacle and the link that `Among.found` is about; None of none."""
-        link, sphere = int(found[LINK]), int(found[SPHERE])
-        return None if link < 0 else (regions.spheres.name(sphere), self.links[link])
-
-    def _wanted(self, memory: FilterMemory, q, v, a) -> tuple[int, np.ndarray, ...]:
-        """The kind of what is wanted, it, and how fast a wanted position moves."""
+    def _desired(self, memory: FilterMemory, q, v, a) -> JointCommand:
+        """What is desired, as vectors."""
         n = self._n
         if (q is None and v is None and a is None) or (
             a is not None and (q is not None or v is not None)
@@ -552,12 +635,14 @@ class SafetyFilter:
                 "v, or accelerations a"
             )
         if a is not None:
-            return ACCELERATION, self._vector("a", a, np.zeros(n)), _NOTHING
-        if q is None:
-            return VELOCITY, self._vector("v", v, np.zeros(n)), _NOTHING
-        wish = self._vector("q", q, memory.q if memory.wish is None else memory.wish)
-        rate = _NOTHING if v is None else self._vector("v", v, np.zeros(n))
-        return POSITION, wish, rate
+            return JointCommand(a=self._vector("a", a, np.zeros(n)))
+        if v is not None:
+            v = self._vector("v", v, np.zeros(n))
+        if q is not None:
+            q = self._vector(
+                "q", q, memory.q if memory.desired is None else memory.desired
+            )
+        return JointCommand(q, v)
 
     def _vector(self, name: str, value: Joints, others: np.ndarray) -> np.ndarray:
         """(n,) of a vector or of what is given by name; raises InputError."""
@@ -622,46 +707,23 @@ class SafetyFilter:
         regions: Regions | None,
     ) -> FilterMemory:
         """q_ddot = -q_dot / T: a part of the present braking path."""
-        vdot = -memory.v / self._T
-        v = memory.v + self.period * vdot
-        q = memory.q + self.period * v
-        held = clear = memory.known
+        state = self._state(memory, JointCommand(v=np.zeros(self._n)))
+        T = self._time_constant(state, memory, regions)
+        vdot = -memory.v / T
+        v = memory.v + self._period * vdot
+        q = memory.q + self._period * v
+        known = clear = state.known
         too_fast = ()
         if regions is not None:
-            clear, too_fast = held and bool(regions.clear.all()), regions.too_fast
-            regions = regions.later(self.period)
+            clear, too_fast = known and bool(regions.clear.all()), regions.too_fast
+            regions = regions.later(self._period)
         report = FilterReport(
             *(BRAKING, 0.0, why, None, None, np.nan, clear, error, worst),
             too_fast=too_fast,
         )
         command = FilterCommand(self.joint_names, q, v, vdot, report)
         q, v = q.copy(), v.copy()
-        return FilterMemory(q, v, None, False, False, held, regions, command)
-
-    def _within_efforts(
-        self, memory: FilterMemory, vdot: np.ndarray
-    ) -> tuple[tuple[np.ndarray, Sequence[float]] | None, int | None]:
-        """What the motors allow of accelerations, and how that was admitted; and the
-        joint whose motor binds. None and None where they allow all."""
-        model, workspace = self.model, self._workspace
-        measured = model.measure(workspace, memory.q, memory.v)
-        wanted = model.inverse_dynamics(workspace, vdot)
-        solution = Solution(vdot, _NOTHING, _NOTHING, _NOTHING, _NOTHING)
-        self._efforts.limit(workspace, measured, solution)
-        if np.array_equal(solution.acceleration, vdot):
-            return None, None
-        motor = int(np.argmax(np.abs(wanted) / self._efforts.limits))
-        joint = self._joint_of_motor(motor)
-        return (solution.acceleration, solution.admission), joint
-
-    def _joint_of_motor(self, entry: int) -> int:
-        plant = self.model.plant
-        for index in plant.GetJointActuatorIndices():
-            actuator = plant.get_joint_actuator(index)
-            start = actuator.input_start()
-            if start <= entry < start + actuator.num_inputs():
-                return actuator.joint().velocity_start() + entry - start
-        raise AssertionError(f"no actuator has input {entry}")
+        return FilterMemory(q, v, None, False, False, known, T, regions, command)
 
 
 def _joint_model(

@@ -105,7 +105,7 @@ def test_what_is_found_clear_is_so_at_every_place(robot):
     filter = SafetyFilter(robot, PERIOD)
     witness, rng = witness_of(filter), np.random.default_rng(5)
     among: ObstacleFilter = filter.among
-    law, world = filter._law.value, among._world
+    robot, world = among._robot.value, among._world
     links, numbers = world.value.links.value, world.value.numbers
     n, found, refused = len(filter.joint_names), 0, 0
     for _ in range(70):
@@ -120,9 +120,7 @@ def test_what_is_found_clear_is_so_at_every_place(robot):
         one = Spheres(*shape, np.array([V]))
         floor = np.full((len(links.radius), 1), FLOOR)
         line = command_line(q, v, world)
-        answer = line_bounds(
-            line, Levels(floor, floor), False, one, law.robot.value, world
-        )
+        answer = line_bounds(line, Levels(floor, floor), False, one, robot, world)
         sigma = (links.reach + links.turned) @ np.abs(v)
         u_end = numbers.kappa * (1.0 - numbers.kappa * V_OK / np.maximum(sigma, 1e-12))
         fast = sigma > numbers.kappa * V_OK

@@ -15,10 +15,10 @@ from small_robots import CAPSULE, chain_urdf, make_model
 from crar_drake import ControlModel, CrarError, LookaheadParameters, SafetyFilter
 from crar_drake.control.records import InputError
 from crar_drake.control.safety_filter import filter_parameters
-from crar_drake.equations.joint_filter import place_ends
 from crar_drake.equations.path_balls import curvature, near_on_way
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.judging.referee import Referee
+from crar_drake.law.shapes import place_ends
 from crar_drake.robot.description import (
     GROUND,
     RobotDescription,
@@ -528,18 +528,17 @@ def test_the_pairs_left_out_of_a_way_keep_what_is_claimed(arm):
     filter = SafetyFilter("upper_body")
     model = filter.model
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
-    robot, balls = filter._law.value.robot.value, filter._law.value.balls.value
+    shapes = filter.pairs.shapes.value
+    robot, balls = shapes.robot.value, shapes.balls.value
     rng = np.random.default_rng(5)
     lower, upper = np.maximum(model.lower, -3.0), np.minimum(model.upper, 3.0)
     left_out = 0
     for _ in range(60):
         q = rng.uniform(lower, upper)
         x = rng.normal(size=len(q)) * rng.choice([0.02, 0.2, 1.0])
-        placed = place_ends(q, q + x, robot, balls)
+        points, centres = place_ends(q, q + x, robot, balls)
         bend = 0.125 * curvature(x, balls)
-        rows, low = near_on_way(
-            placed.centres, placed.points, bend, 0.03, robot.pairs.value, balls
-        )
+        rows, low = near_on_way(centres, points, bend, 0.03, robot.pairs.value, balls)
         near = set(model.pairs.pair_of_shapes[model.pairs.closed_rows[rows]].tolist())
         others = [k for k in range(len(model.pairs)) if k not in near]
         left_out += len(others)

@@ -1,0 +1,73 @@
+"""The nominal of a joint command: where the robot is to be a period on.
+
+The command's state moves by steps of the period: q' = q + period q_dot'. A desired
+position q_d, velocity or acceleration is a desired state, and s_d the step that leads
+there. Where that is not safe, the nominal brings the place where the robot would come
+to rest to that where the desired motion would,
+
+    q'_s = q_d + T q_dot_d,       so that      q_d - q decays with the time constant T.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class JointCommand(NamedTuple):
+    """What is desired of the joints, n of them, for the end of a period.
+
+    Attributes:
+        q: (n,) positions [rad or m]; None where none are.
+        v: (n,) velocities [rad/s or m/s]; beside positions how fast these move, which
+            is optional.
+        a: (n,) accelerations [rad/s^2 or m/s^2]; alone.
+    """
+
+    q: np.ndarray | None = None
+    v: np.ndarray | None = None
+    a: np.ndarray | None = None
+
+    def is_finite(self) -> bool:
+        """Whether all that is given is."""
+        return all(np.isfinite(x).all() for x in self if x is not None)
+
+    def state(
+        self, q: np.ndarray, v: np.ndarray, period: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(n,), (n,) the desired state, from the state (n,), (n,) a period [s] ago."""
+        if self.q is not None:
+            return self.q, (self.q - q) / period
+        after = self.v if self.v is not None else v + period * self.a
+        return q + period * after, after
+
+    def nominal(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        before: np.ndarray | None,
+        T: float,
+        period: float,
+        speed: float,
+    ) -> np.ndarray:
+        """(n,) s of a command that is not taken as it is [rad/s or m/s].
+
+        Args:
+            q, v: (n,), (n,) state.
+            before: (n,) the position that was desired a period ago; None if none was.
+            T, period: [s].
+            speed: that no joint is asked to be faster than [rad/s or m/s].
+        """
+        if self.a is not None:
+            s = v + T * self.a
+        elif self.q is None:
+            s = self.v
+        else:
+            rate = np.zeros(len(q))
+            if self.v is not None:
+                rate = self.v
+            elif before is not None:
+                rate = (self.q - before) / period
+            e = period * period / T
+            ahead = np.clip(rate, -speed, speed)
+            s = (self.q + T * ahead - (q + (T - e) * v)) / (period + e)
+        return np.clip(s, -speed, speed)

@@ -1,0 +1,351 @@
+"""Watched pairs of links keep the safety distance d_0 on the whole braking path.
+
+Lemma: braking keeps it. Under q_ddot = -q_dot / T the robot moves on the segment from q
+to q_s = q + T q_dot. A period on, the braking path is a part of this segment.
+
+A step s leads to q', and on to q'_s = q' + T q_dot' by (A1). It is safe if every pair
+keeps its distance on the way to q' and on the segment from q' to q'_s, which bounds
+show for the whole of both (`equations.admission`, (A3) to (A6)). Where the plant moves
+in steps of the period the two are one segment. A pair that is nearer than d_0 on the
+present braking path keeps the smallest distance that it has there, its *relaxed*
+distance: so nothing gets worse.
+
+Rows (L3), (L4): of each pair of shapes, at both ends of the braking path, the distance
+h where the robot would come to rest grows at least by
+
+    g s >= min(gamma max(d_min - h, 0) - kappa max(h - d_min, 0), speed),
+
+the velocity damper of Faverjon and Tournassoud (1987) outside of the margin d_min, a
+retreat inside.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from crar_drake.equations.admission import (
+    ROUNDING,
+    gradients_at,
+    next_path,
+    path_bounds,
+)
+from crar_drake.equations.capsule_distances import nearest_of_pairs, nearest_points
+from crar_drake.equations.collisions import distance_gradient_about_origin
+from crar_drake.equations.compilation import Held, compiled, hold
+from crar_drake.equations.kinematics import joint_motion
+from crar_drake.equations.nearby import some_reaches, some_shapes
+from crar_drake.equations.path_balls import Balls, curvature, near_on_way
+from crar_drake.equations.vectors import times
+from crar_drake.law.projection import Rows, hard_rows
+from crar_drake.law.shapes import Shapes, near_segment, place_ends
+from crar_drake.law.step import SafetyCheck, State
+
+# A correction aims so far above the distance to be kept [m]: a row is linear.
+SPARE = 3e-4
+_NOTHING_ASKED = np.zeros((0, 7))
+
+
+class Approach(NamedTuple):
+    """How near pairs may come, and how fast."""
+
+    margin: float  # d_min, from which on they retreat [m]
+    rate: float  # kappa, the share of a margin that may be used up in a second [1/s]
+    retreat_rate: float  # gamma [1/s]
+    retreat_speed: float  # [m/s]
+    influence: float  # pairs farther apart than this ask for nothing [m]
+
+
+class Times(NamedTuple):
+    """The times of a step [s]."""
+
+    T: float  # braking time constant
+    period: float  # of the controller
+    step: float  # of the plant, at most the period
+
+
+class Pairs:
+    """The constraint of watched pairs.
+
+    Attributes:
+        shapes: holds `Shapes`.
+        approach: of its rows.
+        names: of the two links of each pair of shapes.
+    """
+
+    name = "pair"
+
+    def __init__(
+        self,
+        robot: Held,
+        reaches: Held,
+        balls: Balls,
+        names: Sequence[tuple[str, str]],
+        distance: float,
+        approach: Approach,
+    ) -> None:
+        """
+        Args:
+            robot, reaches, balls: of `Shapes`.
+            names: (Np,) of each pair of shapes its links.
+            distance: d_0, to be kept [m].
+            approach: of the rows.
+        """
+        self.shapes = hold(Shapes(robot, reaches, hold(balls)))
+        self.approach, self.names = approach, list(names)
+        self._distance = float(distance)
+        self._kept = np.zeros(0)
+
+    def is_clear(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
+        """Whether the braking path from a state (nv,), (nv,) keeps the safety distance,
+        over a braking time constant [s]."""
+        return not len(relaxed_distances(q, v, T, self._distance, self.shapes))
+
+    def begin(self, state: State) -> None:
+        of = Times(state.T, state.period, state.plant_step)
+        self._numbers = of, self._distance, self.shapes
+        self._kept = np.zeros(0)
+        if not state.known:
+            self._kept = relaxed_distances(
+                state.q, state.v, state.T, self._distance, self.shapes
+            )
+            state.recovering |= len(self._kept) > 0
+
+    @property
+    def present_is_clear(self) -> bool:
+        """Whether the braking path of the state that the step began with keeps the
+        safety distance; after `begin`."""
+        return not len(self._kept)
+
+    @property
+    def least_kept(self) -> float:
+        """The smallest distance that braking keeps [m]; after `begin`."""
+        return float(min(self._kept, default=self._distance))
+
+    def rows(self, state: State) -> Rows:
+        s, n = state.whole(state.nominal), state.n
+        g, least = pair_rows(state.q, state.v, s, state.T, self.approach, self.shapes)
+        return of_controlled(g, least, s, n)
+
+    def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
+        given = *(state.q, state.v, s, self._kept), *self._numbers
+        if not correct:
+            safe, clearance, worst = keep_distance(*given)
+            return SafetyCheck(safe, clearance, index=worst)
+        safe, clearance, worst, g, least, moved = check_pairs(*given, True)
+        if safe or not len(least):
+            return SafetyCheck(safe, clearance, index=worst)
+        rows = of_controlled(g, least, s, state.n)
+        return SafetyCheck(False, clearance, rows, moved > 0.0, worst)
+
+
+def of_controlled(g: np.ndarray, least: np.ndarray, s: np.ndarray, n: int) -> Rows:
+    """Rows (C, nv) as those of the first n joints; the others do as s (nv,) says."""
+    if g.shape[1] == n:
+        return hard_rows(g, least)
+    return hard_rows(np.ascontiguousarray(g[:, :n]), least - g[:, n:] @ s[n:])
+
+
+@compiled
+def relaxed_distances(
+    q: np.ndarray, v: np.ndarray, T: float, distance: float, held: Held
+) -> np.ndarray:
+    """What pairs of shapes are to keep, (Np,) [m]; (0,) if all keep the safety distance
+    on the braking path of a state.
+
+    Args:
+        q, v: (nv,), (nv,) state.
+        T: [s].
+        distance: d_0 [m].
+        held: holds `Shapes`.
+    """
+    shapes, x = held.value, T * v
+    rows, _, _ = near_segment(q, x, distance, shapes)
+    if not len(rows):
+        return np.zeros(0)
+    keep, asked = (
+        np.full(len(rows), distance - ROUNDING),
+        np.ones(len(rows), dtype=np.bool_),
+    )
+    r = some_shapes(shapes.robot, rows).value
+    reaches = some_reaches(shapes.reaches, rows)
+    found = path_bounds(q, x, np.zeros(len(x)), keep, asked, r, reaches)
+    if not (found.at >= 0.0).any():
+        return np.zeros(0)
+    kept = np.full(shapes.balls.value.shapes[-1], distance)
+    for k in range(len(rows)):
+        if found.at[k] >= 0.0 and np.isfinite(found.d[k]):
+            kept[rows[k]] = min(found.d[k], distance)
+    return kept
+
+
+@compiled
+def pair_rows(
+    q: np.ndarray, v: np.ndarray, s: np.ndarray, T: float, near: Approach, held: Held
+) -> tuple[np.ndarray, np.ndarray]:
+    """g (C, nv), least (C,): the rows of the pairs that s could bring to bind.
+
+    A row binds at h = d_min - g s / kappa, and |g s| is at most sum_i rho_i |s_i| of
+    both links. What (L4) leaves out of its rate, T q_dot^T hess(d) q_dot, is estimated
+    by the secant.
+
+    Args:
+        q, v, s: (nv,), (nv,), (nv,) state and nominal.
+        T: [s].
+        near: of the rows.
+        held: holds `Shapes`.
+    """
+    shapes = held.value
+    r, balls = shapes.robot.value, shapes.balls.value
+    nv = len(v)
+    points, centres = place_ends(q, q + T * v, r, balls)
+    ahead = times(balls.reach, np.abs(s)) / near.rate
+    # Of both links together no more than the influence distance.
+    ahead = np.minimum(ahead, 0.5 * (near.influence - near.margin))
+    bend = 0.125 * curvature(T * v, balls) + ahead
+    rows, _ = near_on_way(centres, points, bend, near.margin, r.pairs.value, balls)
+    if not len(rows):
+        return np.zeros((0, nv)), np.zeros(0)
+    some = some_shapes(shapes.robot, rows).value.pairs.value
+    d, normal, p = nearest_of_pairs(points, _NOTHING_ASKED, some)
+    S = joint_motion(points[:, : 3 * nv])
+    g = distance_gradient_about_origin(normal, p, S, some.moves)
+    k = len(rows)
+    h, drift = d.copy(), np.zeros(2 * k)
+    h[:k] += T * times(g[0], v)
+    drift[:k] = times(g[1], v) - times(g[0], v)
+    least = approach_speed(h, near.margin, near.rate, near.retreat_rate)
+    least = np.minimum(least, near.retreat_speed)
+    some_near = np.flatnonzero(h < near.influence)
+    return g.reshape(2 * k, nv)[some_near], (least - drift)[some_near]
+
+
+@compiled
+def approach_speed(
+    h: np.ndarray, margin: float, rate: float, gamma: float
+) -> np.ndarray:
+    """How fast margins h (C,) have to grow at least, (C,): at gamma (margin - h) inside
+    of the margin, at -rate (h - margin) outside."""
+    inside, outside = np.maximum(margin - h, 0.0), np.maximum(h - margin, 0.0)
+    return gamma * inside - rate * outside
+
+
+@compiled
+def check_pairs(
+    q: np.ndarray,
+    v: np.ndarray,
+    s: np.ndarray,
+    kept: np.ndarray,
+    of: Times,
+    distance: float,
+    held: Held,
+    correct: bool,
+) -> tuple[bool, float, int, np.ndarray, np.ndarray, np.ndarray]:
+    """Whether a step, and the braking path that it leads to, keep all distances.
+
+    Args:
+        q, v, s: (nv,), (nv,), (nv,) state and step.
+        kept: (Np,) relaxed distances [m]; (0,) for d_0 of all.
+        of: the times.
+        distance: d_0 [m].
+        held: holds `Shapes`.
+        correct: whether rows are asked for.
+
+    Returns:
+        Whether they do; no distance is smaller, if they do [m]; the pair of shapes that
+        is farthest below, or -1; where asked for g (k, nv), least (k,) of those below;
+        (nv,) above 0 for the joints that move these.
+    """
+    shapes, nv = held.value, len(v)
+    T, period, floor = of.T, of.period, distance - ROUNDING
+    q_next, x = next_path(q, v, s, T, period, of.step)
+    # Of q'_s, and of where the braking path begins, the change with s.
+    k_0, k_1 = 0.5 * period * (period + of.step) / T, period
+    start = q_next
+    one_segment = of.step >= period * (1.0 - 1e-9) and not len(kept)
+    if one_segment:
+        start, x, k_0 = q, (q_next + x) - q, 0.0
+        k_1 = (period + T) * period / T
+    straight, every = np.zeros(nv), shapes.robot.value.pairs.value
+    rows, clearance, points = near_segment(start, x, floor, shapes)
+    none = np.zeros((0, nv)), np.zeros(0), np.zeros(nv)
+    if len(rows) and one_segment and not correct:
+        # A pair that is too near at the end is enough to know.
+        d, _, _, _ = nearest_points(points[1], every, rows)
+        for k in range(len(rows)):
+            if d[k] < floor:
+                return False, d[k], rows[k], *none
+    if len(rows):
+        keep = np.full(len(rows), floor)
+        if len(kept):
+            keep = np.minimum(kept[rows], floor)
+        asked = np.ones(len(rows), dtype=np.bool_)
+        r = some_shapes(shapes.robot, rows).value
+        reaches = some_reaches(shapes.reaches, rows)
+        bounds = path_bounds(start, x, straight, keep, asked, r, reaches)
+        worst, most = -1, -np.inf
+        for k in range(len(rows)):
+            clearance = min(clearance, bounds.low[k])
+            if bounds.at[k] >= 0.0 and keep[k] - bounds.d[k] > most:
+                worst, most = rows[k], keep[k] - bounds.d[k]
+        if worst >= 0:
+            if not correct:
+                return False, clearance, worst, *none
+            failed, g = gradients_at(start, x, bounds, r, reaches)
+            d, at = bounds.d[failed], bounds.at[failed]
+            missing = (keep[failed] + SPARE - d) / (k_0 + at * k_1)
+            moved = np.zeros(nv)
+            for k in failed:
+                moved += np.abs(every.moves[rows[k]])
+            good = np.flatnonzero(np.isfinite(missing))
+            return (
+                *(False, clearance, worst, g[good]),
+                *(times(g[good], s) + missing[good], moved),
+            )
+    if not one_segment and not _keeps_way(q, v, s, kept, floor, of, shapes):
+        return False, clearance, -1, *none
+    return True, clearance, -1, *none
+
+
+@compiled
+def keep_distance(
+    q: np.ndarray,
+    v: np.ndarray,
+    s: np.ndarray,
+    kept: np.ndarray,
+    of: Times,
+    distance: float,
+    held: Held,
+) -> tuple[bool, float, int]:
+    """What `check_pairs` finds first, without rows: arrays take time to hand out."""
+    safe, clearance, worst, _, _, _ = check_pairs(
+        q, v, s, kept, of, distance, held, False
+    )
+    return safe, clearance, worst
+
+
+@compiled
+def _keeps_way(q, v, s, kept, floor, of, shapes):
+    """Whether the parabola to the next state, and its chord, on which a robot moves
+    that interpolates between commands, keep the safety distance; of pairs that are
+    below it nothing is asked, lest they stay there."""
+    r, balls = shapes.robot.value, shapes.balls.value
+    period, T = of.period, of.T
+    bend = (0.5 * period * period / T) * (s - v)
+    along = period * v + (0.5 * period * of.step / T) * (s - v)
+    points, centres = place_ends(q, q + along + bend, r, balls)
+    fastest = np.maximum(np.abs(along), np.abs(along + 2.0 * bend))
+    off = 0.125 * (curvature(fastest, balls) + 2.0 * times(balls.reach, np.abs(bend)))
+    rows, _ = near_on_way(centres, points, off, floor, r.pairs.value, balls)
+    if len(kept):
+        rows = rows[kept[rows] >= floor]
+    if not len(rows):
+        return True
+    keep, asked = np.full(len(rows), floor), np.ones(len(rows), dtype=np.bool_)
+    some = some_shapes(shapes.robot, rows).value
+    reaches = some_reaches(shapes.reaches, rows)
+    way = path_bounds(q, along, bend, keep, asked, some, reaches)
+    if (way.at >= 0.0).any():
+        return False
+    chord = path_bounds(q, along + bend, 0.0 * bend, keep, asked, some, reaches)
+    return not (chord.at >= 0.0).any()

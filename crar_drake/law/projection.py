@@ -1,0 +1,59 @@
+"""The projection: the step nearest to the nominal that keeps rows.
+
+With the braking time constant T an acceleration is a velocity: s = q_dot + T q_ddot is
+how fast the place moves where the robot would come to rest. All that constraints ask of
+a step is linear in s: rows g s >= least, (L7) of `docs/theory/theorem.md`.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from crar_drake.equations.compilation import compiled
+from crar_drake.equations.one_sided import one_sided_nearest
+
+# What the square of a violated row weighs beside that of a joint's change [1]: a row of
+# a full-sized violation is kept to a thousandth, and corrections see to the rest.
+HARD = 1e6
+
+
+class Rows(NamedTuple):
+    """C rows g s >= least on s (n,) of the controlled joints."""
+
+    g: np.ndarray  # (C, n)
+    least: np.ndarray  # (C,)
+    weight: np.ndarray  # (C,) of the square of what a row lacks
+
+
+def hard_rows(g: np.ndarray, least: np.ndarray) -> Rows:
+    """Rows that are to hold."""
+    return Rows(g, least, np.full(len(least), HARD))
+
+
+def stacked(rows: Sequence[Rows]) -> Rows:
+    """All rows as one; at least one `Rows` must be given."""
+    if len(rows) == 1:
+        return rows[0]
+    return Rows(*map(np.concatenate, zip(*rows, strict=True)))
+
+
+@compiled
+def project(
+    nominal: np.ndarray,
+    g: np.ndarray,
+    least: np.ndarray,
+    weight: np.ndarray,
+    lowest: np.ndarray,
+    highest: np.ndarray,
+) -> np.ndarray:
+    """argmin |s - nominal|^2 + sum weight_j max(0, least_j - g_j s)^2, clipped; (n,).
+
+    Args:
+        nominal: (n,) [rad/s or m/s].
+        g, least, weight: of `Rows`.
+        lowest, highest: (n,) bounds with 0 between them [rad/s or m/s].
+    """
+    root = np.sqrt(weight)
+    s = one_sided_nearest(nominal, root[:, np.newaxis] * g, root * least)
+    return np.minimum(np.maximum(s, lowest), highest)

@@ -1,0 +1,228 @@
+"""Links stay off spheres that move by themselves, or are slow.
+
+Lemma: braking keeps it. A sphere of bounded speed V is within its radius and V t of
+where it is now. Along the braking path each link keeps the safety distance d_0 and what
+the sphere can come nearer until the robot is there, as long as the link is faster than
+a contact speed v_ok; from there on it keeps d_0 of the sphere as it is. A period on the
+robot is farther on the same segment, and t(u) = t(u') + period: (M1), (M2) of
+`docs/theory/moving-obstacles.md`.
+
+Rows: as those of pairs, of the nearest shape of each link; and where spheres that come
+are evaded, (M5).
+"""
+
+import numpy as np
+
+from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.kinematics import joint_motion
+from crar_drake.equations.lookahead_rows import LookaheadGains
+from crar_drake.equations.moving_obstacles import (
+    Levels,
+    Moving,
+    Spheres,
+    braking_line,
+    braking_time,
+    command_line,
+    evading_rows,
+    last_times,
+    line_bounds,
+    link_gradient,
+    own_reach,
+    place_links,
+    present_levels,
+    sphere_rows,
+)
+from crar_drake.equations.vectors import times
+from crar_drake.law.pairs import of_controlled
+from crar_drake.law.projection import Rows, stacked
+from crar_drake.law.step import SafetyCheck, State
+
+# Where the worst of a segment is looked for, and what a correction aims at beyond what
+# is to be kept [m].
+_PLACES = 9
+_SPARE = 1e-3
+
+
+class MovingSpheres:
+    """The constraint of moving obstacles; `place` tells of them before each step.
+
+    Attributes:
+        clear: (N,) bool, of which spheres the state is known to be safe.
+    """
+
+    name = "obstacle"
+
+    def __init__(
+        self, robot: Held, world: Held, gains: LookaheadGains, floor: float
+    ) -> None:
+        """
+        Args:
+            robot: holds a `Robot` in closed form, all of whose joints are controlled.
+            world: holds `WorldLaw`.
+            gains: of the rows.
+            floor: d_0 [m].
+        """
+        self._robot, self._world, self._gains = robot, world, gains
+        self._floor = floor
+        self.place(None, np.zeros(0, dtype=bool), None)
+
+    def place(
+        self, spheres: Spheres | None, clear: np.ndarray, moving: Moving | None
+    ) -> None:
+        """Tells where spheres are.
+
+        Args:
+            spheres: (N,) of them; None if there are none.
+            clear: as of the attribute.
+            moving: those that are evaded; None if none is.
+        """
+        self._spheres, self.clear, self._moving = spheres, clear, moving
+        self._evading: Rows | None = None
+        self.evaded = (-1, -1)
+
+    def evades(self, state: State, desired: np.ndarray) -> bool:
+        """Whether a desired step (nv,) leaves (M5): then it is not to be taken, and
+        rows ask for it."""
+        if self._moving is None:
+            return False
+        period = state.period
+        after = state.v + period / state.T * (desired - state.v)
+        g, least, who = evading_rows(
+            *(state.q, state.v, after, self._moving, self._robot.value, self._world)
+        )
+        if not len(least):
+            return False
+        now = times(g, state.v)
+        by = now + (least - now) * (state.T / period)
+        weight = np.full(len(by), self._world.value.evasion.weight)
+        self._evading = Rows(g, by, weight)
+        self.evaded = tuple(who[int(np.argmax(least - times(g, after)))])
+        return True
+
+    def begin(self, state: State) -> None:
+        if self._spheres is None:
+            return
+        line = braking_line(state.q, state.v, self._world)
+        self._levels = present_levels(
+            line, self.clear, self._spheres, self._robot.value, self._world
+        )
+
+    def rows(self, state: State) -> Rows | None:
+        if self._spheres is None:
+            return None
+        s = state.whole(state.nominal)
+        g, least = approach_rows(
+            *(state.q, state.v, s, self._spheres),
+            *(self._gains, self._robot, self._world),
+        )
+        rows = of_controlled(g, least, s, state.n)
+        return rows if self._evading is None else stacked([rows, self._evading])
+
+    def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
+        if self._spheres is None:
+            return SafetyCheck(True, np.inf)
+        safe, clearance, link, sphere, g, least, moved = check_spheres(
+            *(state.q, state.v, s, self._levels, correct),
+            *(self._spheres, self._robot, self._world),
+        )
+        if safe:
+            return SafetyCheck(True, clearance)
+        rows = of_controlled(g, least, s, state.n) if len(least) else None
+        joints = moved > 0.0 if moved.any() else None
+        return SafetyCheck(False, clearance, rows, joints, (link, sphere))
+
+    def clear_after(self, braked: bool) -> np.ndarray:
+        """(N,) bool, of which spheres the next state is safe: the present one is, or
+        the step was shown to keep the safety distance, which braking is not."""
+        if self._spheres is None or braked:
+            return self.clear
+        return self.clear | (self._levels.moving >= self._floor).all(axis=0)
+
+
+@compiled
+def approach_rows(
+    q: np.ndarray,
+    v: np.ndarray,
+    s: np.ndarray,
+    spheres: Spheres,
+    gains: LookaheadGains,
+    robot: Held,
+    world: Held,
+) -> tuple[np.ndarray, np.ndarray]:
+    """g (C, nv), least (C,) of the links that s (nv,) could bring to spheres."""
+    found = sphere_rows(q, v, s, spheres, gains, robot.value, world)
+    return found.g, found.retreat - found.drift
+
+
+@compiled
+def check_spheres(
+    q: np.ndarray,
+    v: np.ndarray,
+    s: np.ndarray,
+    levels: Levels,
+    correct: bool,
+    spheres: Spheres,
+    robot: Held,
+    world: Held,
+) -> tuple[bool, float, int, int, np.ndarray, np.ndarray, np.ndarray]:
+    """Whether a step, and the braking path that it leads to, keep off all spheres.
+
+    Args:
+        q, v, s: (nv,), (nv,), (nv,) state and step.
+        levels: what links are to keep.
+        correct: whether rows are asked for, and which joints move what is too near.
+        spheres: (N,) of them.
+        robot, world: hold `Robot` and `WorldLaw`.
+
+    Returns:
+        Whether they do; the clearance [m]; the link and the sphere that lack the most;
+        where asked for g (C, nv), least (C,) of those that lack; (nv,) 1 for the joints
+        that move these.
+    """
+    r, links = robot.value, world.value.links.value
+    numbers, n = world.value.numbers, len(q)
+    v_next = v + numbers.period / numbers.T * (s - v)
+    line = command_line(q, v_next, world)
+    found = line_bounds(line, levels, not correct, spheres, r, world)
+    none = np.zeros((0, n)), np.zeros(0), np.zeros(n)
+    if found.clear or not correct:
+        return found.clear, found.clearance, found.link, found.sphere, *none
+    reach = own_reach(line, links)
+    last = last_times(line, reach, links, numbers)
+    L, N = found.failed.shape
+    worst, at = np.full((L, N), -np.inf), np.zeros((L, N))
+    gradient = np.zeros((L, N, n))
+    moved = np.zeros(n)
+    lasts = line.before + numbers.T
+    for place in range(_PLACES):
+        w = (place + 1.0) / _PLACES
+        points = place_links(line.start + w * line.x, r, links)
+        S = joint_motion(points[: 3 * n].reshape(1, -1, 3))[0]
+        for i in range(L):
+            for o in range(N):
+                if not found.failed[i, o]:
+                    continue
+                d, g, _ = link_gradient(i, o, points, S, spheres, links)
+                keep = levels.still[i, o]
+                if w * lasts <= last[i]:
+                    came = braking_time(w * lasts, line.before, numbers)
+                    keep = max(keep, levels.moving[i, o] + spheres.speed[o] * came)
+                if keep - d > worst[i, o]:
+                    worst[i, o], at[i, o] = keep - d, w
+                    gradient[i, o] = g
+    rows, least, count = np.zeros((L * N, n)), np.zeros(L * N), 0
+    for i in range(L):
+        if found.failed[i].any():
+            moved = np.maximum(moved, links.carried[i])
+        for o in range(N):
+            if not found.failed[i, o] or not np.isfinite(worst[i, o]):
+                continue
+            k = at[i, o] * lasts * numbers.period / numbers.T
+            rows[count] = gradient[i, o]
+            least[count] = times(gradient[i, o].reshape(1, -1), s)[0]
+            least[count] += (max(worst[i, o], 0.0) + _SPARE) / k
+            count += 1
+    return (
+        *(False, found.clearance, found.link, found.sphere),
+        *(rows[:count], least[:count], moved),
+    )

@@ -1,0 +1,286 @@
+"""The step: the nominal, projected; checked; else corrected; else towards braking.
+
+A state is *safe* over T if each constraint finds that its braking path, on which
+q_ddot = -q_dot / T, violates nothing. Braking keeps every constraint (each file of one
+opens with why), and leads to a safe state. A step is taken only if each constraint
+finds that it violates nothing and leads to a safe state; else the robot brakes. So
+every later state is safe, for any set of constraints (`docs/theory/theorem.md`).
+"""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from crar_drake.law.projection import Rows, project, stacked
+
+# How a step was found.
+NOMINAL, CORRECTED, SCALED = 0.0, 1.0, 2.0
+
+# A step is corrected so often before it is scaled: each costs a projection and a check.
+CORRECTIONS = 4
+# A step is scaled to one of 2^this shares; each bisection is a check.
+BISECTIONS = 6
+# Shares of the nominal that are projected anew where less than the first is left of the
+# corrected step: a way out that constraints ask for would be scaled as well.
+LESS = (0.25, 0.0625, 0.0)
+# A row that lacks less is kept [rad/s or m/s].
+_ROW_ROUNDING = 1e-9
+
+
+class State:
+    """The robot at a step; of nv joints the first n are controlled.
+
+    Attributes:
+        q, v: (nv,), (nv,) positions and velocities, controlled joints first.
+        n: how many are controlled.
+        T: braking time constant [s].
+        period: of the controller [s].
+        plant_step: of the plant, at most the period; 0 if it moves continuously [s].
+        known: whether the pairs' braking path over T is known to be collision-free.
+        prescribed: (nv - n,) s of the other joints; they brake along with the others.
+        nominal: (n,) the desired s, made when it is first asked for [rad/s or m/s].
+        lowest, highest: (n,) bounds of s, 0 between them; constraints narrow them.
+        recovering: whether something is violated already, and is to be left; a
+            constraint says so.
+    """
+
+    def __init__(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        n: int,
+        T: float,
+        period: float,
+        plant_step: float,
+        nominal: Callable[[], np.ndarray],
+        known: bool = False,
+    ) -> None:
+        self.q, self.v, self.n = q, v, n
+        self.T, self.period, self.plant_step = T, period, plant_step
+        self.known = known
+        self.prescribed = np.zeros(len(v) - n)
+        self._make_nominal = nominal
+        self.lowest, self.highest = np.full(n, -np.inf), np.full(n, np.inf)
+        self.recovering = False
+
+    @cached_property
+    def nominal(self) -> np.ndarray:
+        return self._make_nominal()
+
+    def whole(self, s: np.ndarray, share: float = 1.0) -> np.ndarray:
+        """(nv,) s of the controlled joints (n,), and a share of the others'."""
+        if not len(self.prescribed):
+            return s
+        return np.concatenate((s, share * self.prescribed))
+
+
+class SafetyCheck(NamedTuple):
+    """What a constraint finds of a step.
+
+    Attributes:
+        safe: whether it violates nothing, and leads to a safe state.
+        clearance: what is left at least, in the constraint's unit.
+        rows: that correct an unsafe step, if it was asked for and there are any.
+        joints: (nv,) bool, those whose motion is unsafe; None for all.
+        index: of what is violated the most, for the report: an int, or a tuple of
+            them; -1 for nothing.
+        reason: what is violated, for the report; "" for the constraint's name.
+    """
+
+    safe: bool
+    clearance: float
+    rows: Rows | None = None
+    joints: np.ndarray | None = None
+    index: int | tuple[int, ...] = -1
+    reason: str = ""
+
+
+class Constraint(Protocol):
+    """Something that braking keeps.
+
+    Attributes:
+        name: for the report.
+    """
+
+    name: str
+
+    def begin(self, state: State) -> None:
+        """Takes in the state of a step; may narrow its bounds, or call it
+        `recovering`."""
+
+    def rows(self, state: State) -> Rows | None:
+        """What keeps the nominal off what it comes near to; None of nothing."""
+
+    def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
+        """Whether s (nv,) violates nothing, and leads to a safe state.
+
+        Args:
+            state: of the step.
+            s: (nv,) to be checked [rad/s or m/s].
+            correct: whether rows are asked for if it is not safe.
+        """
+
+
+class Step(NamedTuple):
+    """The step that is taken.
+
+    Attributes:
+        s: (nv,) q_dot + T q_ddot [rad/s or m/s].
+        how: NOMINAL, CORRECTED or SCALED.
+        share: of the corrected s; 0 is braking [1].
+        objections: what each constraint that objected found first, by its name, in the
+            order in which they did.
+        clearances: of each constraint, by name, where it is known.
+    """
+
+    s: np.ndarray
+    how: float
+    share: float
+    objections: dict[str, SafetyCheck]
+    clearances: dict[str, float]
+
+
+class _Examined(NamedTuple):
+    safe: bool
+    objections: dict[str, SafetyCheck]
+    clearances: dict[str, float]
+
+
+def examine(
+    constraints: Sequence[Constraint],
+    state: State,
+    s: np.ndarray,
+    correct: bool = False,
+) -> _Examined:
+    """Asks each constraint about s (nv,); until one objects, unless rows are wanted."""
+    objections, clearances = {}, {}
+    for constraint in constraints:
+        check = constraint.examine(state, s, correct)
+        clearances[constraint.name] = check.clearance
+        if not check.safe:
+            objections[constraint.name] = check
+            if not correct:
+                break
+    return _Examined(not objections, objections, clearances)
+
+
+def step(
+    state: State,
+    constraints: Sequence[Constraint],
+    desired: np.ndarray | None = None,
+    lazily: bool = False,
+) -> Step:
+    """The step nearest to `state.nominal` that every constraint finds safe.
+
+    Args:
+        state: it is taken from.
+        constraints: that hold.
+        desired: (nv,) taken bit-identical if it is safe, and where something is
+            violated already if it keeps the rows by which that is left; None if nothing
+            may be.
+        lazily: whether the nominal, within its bounds, is examined before any rows are
+            asked for.
+    """
+    for constraint in constraints:
+        constraint.begin(state)
+    asked = _rows(state, constraints) if state.recovering else None
+    objections: dict[str, SafetyCheck] = {}
+    if desired is not None and (asked is None or _keeps(asked, desired[: state.n])):
+        found = examine(constraints, state, desired)
+        if found.safe:
+            return Step(desired, NOMINAL, 1.0, objections, found.clearances)
+        objections.update(found.objections)
+    if lazily and asked is None:
+        s = state.whole(np.clip(state.nominal, state.lowest, state.highest))
+        found = examine(constraints, state, s)
+        if found.safe:
+            return Step(s, CORRECTED, 1.0, objections, found.clearances)
+        objections = {**found.objections, **objections}
+    asked = _rows(state, constraints) if asked is None else asked
+    rows, how = list(asked), NOMINAL
+    for k in range(CORRECTIONS + 1):
+        s = _projected(state, 1.0, rows)
+        found = examine(constraints, state, s, correct=k < CORRECTIONS)
+        if found.safe:
+            return Step(s, how, 1.0, objections, found.clearances)
+        how, objections = CORRECTED, {**found.objections, **objections}
+        more = [each.rows for each in found.objections.values() if each.rows]
+        if not more:
+            break
+        rows += more
+    s, share, clearances = _towards_braking(state, constraints, s, found, asked)
+    return Step(s, SCALED, share, objections, clearances)
+
+
+def _rows(state: State, constraints: Sequence[Constraint]) -> list[Rows]:
+    """What all constraints ask of the nominal."""
+    asked = [constraint.rows(state) for constraint in constraints]
+    return [rows for rows in asked if rows is not None and len(rows.least)]
+
+
+def _keeps(asked: Sequence[Rows], s: np.ndarray) -> bool:
+    """Whether s (n,) keeps all rows."""
+    return all((rows.g @ s >= rows.least - _ROW_ROUNDING).all() for rows in asked)
+
+
+def _projected(state: State, share: float, rows: Sequence[Rows]) -> np.ndarray:
+    """(nv,) nearest to a share of the nominal."""
+    nominal = share * state.nominal
+    if not rows:
+        s = np.clip(nominal, state.lowest, state.highest)
+    else:
+        s = project(nominal, *stacked(rows), state.lowest, state.highest)
+    return state.whole(s, share)
+
+
+def _towards_braking(
+    state: State,
+    constraints: Sequence[Constraint],
+    s: np.ndarray,
+    found: _Examined,
+    asked: Sequence[Rows],
+) -> tuple[np.ndarray, float, dict[str, float]]:
+    """A share of s (nv,) that is safe: of the joints whose motion is not, or of all; or
+    what the projection makes of less. Braking is safe, and needs no check.
+
+    Returns:
+        (nv,) the step; the share; clearances, empty of braking.
+    """
+    taken, share, clearances = np.zeros_like(s), 0.0, {}
+    # Who objects is asked first: the others then need not be.
+    constraints = sorted(
+        constraints, key=lambda each: each.name not in found.objections
+    )
+    unsafe = [each.joints for each in found.objections.values()]
+    masks = [np.ones(len(s), dtype=bool)]
+    if all(joints is not None for joints in unsafe):
+        some = np.any(unsafe, axis=0)
+        if not some.all():
+            masks.insert(0, some)
+    for mask in masks:
+        if not mask.all():
+            others = np.where(mask, 0.0, s)
+            looked = examine(constraints, state, others)
+            if not looked.safe:
+                continue
+            taken, clearances = others, looked.clearances
+        low, high = 0.0, 1.0
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            some = np.where(mask, middle * s, s)
+            looked = examine(constraints, state, some)
+            if looked.safe:
+                low, taken, clearances = middle, some, looked.clearances
+            else:
+                high = middle
+        share = low
+        break
+    if share < LESS[0]:
+        for less in LESS:
+            other = _projected(state, less, asked)
+            looked = examine(constraints, state, other)
+            if looked.safe:
+                return other, less, looked.clearances
+    return taken, share, clearances

@@ -25,7 +25,7 @@ from crar_drake.control.plausible import fastest_asked
 from crar_drake.control.records import InputError
 from crar_drake.equations.references import TaskGains
 from crar_drake.errors import ModelError, ScenarioError, nearest
-from crar_drake.law.joint_command import JointCommand
+from crar_drake.law.joint_command import JointCommand, all_finite
 from crar_drake.law.limits import Limits
 from crar_drake.law.motors import Motors
 from crar_drake.law.pairs import Approach, Pairs
@@ -412,23 +412,18 @@ class SafetyFilter:
         if not desired.is_finite():
             return self._brake(memory, NO_NUMBER, error, worst, regions)
         state = self._state(memory, desired)
-        # Of numbers beyond all sense.
-        with np.errstate(over="ignore", invalid="ignore"):
-            q_next, v_next = desired.state(memory.q, memory.v, self._period)
-            state.T = self._time_constant(state, memory, regions)
-            s = state.v + (state.T / self._period) * (v_next - state.v)
-            if not np.isfinite(s).all():
-                return self._brake(memory, NO_SENSE, error, worst, regions)
-            # Lest the robot leap, what was held back catches up no faster than this.
-            calm = memory.following or np.abs(s).max() <= self._speed
-            taken, safe_of = s if calm else None, None
-            if regions is None:
-                lazily = not memory.pushed or taken is None
-                found = step(state, self.constraints, taken, lazily)
-            else:
-                found, safe_of = self.among_obstacles(
-                    state, regions, taken, memory.pushed
-                )
+        state.T = self._time_constant(state, memory, regions)
+        q_next, v_next, s = desired.step(memory.q, memory.v, state.T, self._period)
+        if not all_finite(s):
+            return self._brake(memory, NO_SENSE, error, worst, regions)
+        # Lest the robot leap, what was held back catches up no faster than this.
+        calm = memory.following or np.abs(s).max() <= self._speed
+        taken, safe_of = s if calm else None, None
+        if regions is None:
+            lazily = not memory.pushed or taken is None
+            found = step(state, self.constraints, taken, lazily)
+        else:
+            found, safe_of = self.among_obstacles(state, regions, taken, memory.pushed)
         if found.how != NOMINAL or found.s is not s:
             v_next = state.v + self._period * ((found.s - state.v) / state.T)
             q_next = state.q + self._period * v_next
@@ -519,6 +514,8 @@ class SafetyFilter:
         if regions is not None:
             state.known &= memory.T == self._T
             return self._T
+        if self.motors is None and memory.T >= self._T:
+            return memory.T
 
         def is_clear(T: float) -> bool:
             end = state.q + T * state.v
@@ -561,11 +558,16 @@ class SafetyFilter:
     ) -> FilterReport:
         """What became of a desired step s (n,)."""
         how = found.how if found.s is s else max(found.how, CORRECTED)
-        why, joint = "", None
-        if how != NOMINAL and not found.objections and not calm:
+        why, joint, objections = "", None, found.objections
+        if how != NOMINAL:
+            # The nominal is within the bounds, the command may not have been.
+            check = self.limits.examine(state, s, False)
+            if not check.safe:
+                objections = {self.limits.name: check, **objections}
+        if how != NOMINAL and not objections and not calm:
             why, joint = CATCHING_UP, int(np.argmax(np.abs(s)))
         pair, obstacle = None, None
-        for name, check in found.objections.items():
+        for name, check in objections.items():
             why = why or check.reason or name
             if name == self.pairs.name:
                 pair = self.pairs.names[check.index]

@@ -322,6 +322,7 @@ def path_bounds(
     asked: np.ndarray,
     r: Robot,
     reaches: Held,
+    quick: bool,
 ) -> Bounds:
     """(A5): whether pairs keep a level on the whole path that leads from `start` by
     t x + t^2 bend, t from 0 to 1.
@@ -341,6 +342,7 @@ def path_bounds(
         asked: (Np,) bool, of which pairs.
         r: with the pairs of shapes in the first half of its `pairs`.
         reaches: holds `Reaches` of the pairs.
+        quick: whether one pair that is seen below its level is enough to know.
     """
     count = len(level)
     low, seen = np.full(count, np.inf), np.full(count, np.inf)
@@ -391,6 +393,8 @@ def path_bounds(
                     low[pair] = min(low[pair], there)
                     if at[pair] < 0.0 or there < seen[pair]:
                         at[pair], seen[pair] = t, there
+                    if quick and there < level[pair]:
+                        return Bounds(low, at, seen)
                     last = last or halving >= _SEARCHED
                 if not last:
                     below[2 * part, pair] = True
@@ -484,7 +488,7 @@ def examine_present(
     level = np.full(len(low), gains.floor)
     needed = gains.floor + travel(step_reach(gains) * s, beyond)
     # A distance that is none (NaN) is below whatever is needed.
-    found = path_bounds(q, x, straight, level - ROUNDING, ~(low >= needed), r, here)
+    found = path_bounds(q, x, straight, level - ROUNDING, ~(low >= needed), r, here, False)
     held = True
     for pair in range(len(low)):
         if found.low[pair] < np.inf:
@@ -544,7 +548,7 @@ def check_step(
     reaches = reaching(q, T * v, straight, reaches)
     reaches = reaching(start, x, straight, reaches)
     near = present.low - travel(step_reach(gains) * s, reaches)
-    bounds = path_bounds(start, x, straight, level, ~(near >= level), r, reaches)
+    bounds = path_bounds(start, x, straight, level, ~(near >= level), r, reaches, False)
     clear = not (bounds.at >= 0.0).any()
     clearance = np.inf
     for pair in range(len(level)):
@@ -562,10 +566,12 @@ def check_step(
         if asked.any():
             bend = (0.5 * period * period / T) * (s - v)
             along = period * v + (0.5 * period * gains.step / T) * (s - v)
-            way = path_bounds(q, along, bend, level, asked, r, reaches)
+            way = path_bounds(q, along, bend, level, asked, r, reaches, False)
             clear = not (way.at >= 0.0).any()
             if clear:
-                way = path_bounds(q, start - q, straight, level, asked, r, reaches)
+                way = path_bounds(
+                    *(q, start - q, straight, level, asked, r, reaches, False)
+                )
                 clear = not (way.at >= 0.0).any()
     return Checked(clear, clearance, start, x, bounds)
 

@@ -186,4 +186,4 @@ def bounds_of_some(
     levels, asked = np.full(len(rows), level), np.ones(len(rows), dtype=np.bool_)
     some = some_reaches(reaches, rows)
     shapes, straight = some_shapes(robot, rows).value, np.zeros(len(x))
-    return path_bounds(start, x, straight, levels, asked, shapes, some)
+    return path_bounds(start, x, straight, levels, asked, shapes, some, False)

@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from crar_drake.equations.compilation import compiled
+
 
 class JointCommand(NamedTuple):
     """What is desired of the joints, n of them, for the end of a period.
@@ -29,16 +31,21 @@ class JointCommand(NamedTuple):
 
     def is_finite(self) -> bool:
         """Whether all that is given is."""
-        return all(np.isfinite(x).all() for x in self if x is not None)
+        for x in self:
+            if x is not None and not all_finite(x):
+                return False
+        return True
 
-    def state(
-        self, q: np.ndarray, v: np.ndarray, period: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(n,), (n,) the desired state, from the state (n,), (n,) a period [s] ago."""
+    def step(
+        self, q: np.ndarray, v: np.ndarray, T: float, period: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """q', q_dot' and s (n,) each, of the command as it is, from a state (n,), (n,)
+        a period [s] ago; numbers that overflow are infinite or NaN."""
         if self.q is not None:
-            return self.q, (self.q - q) / period
-        after = self.v if self.v is not None else v + period * self.a
-        return q + period * after, after
+            return self.q, *to_position(q, v, self.q, T, period)
+        if self.v is not None:
+            return to_velocity(q, v, self.v, T, period)
+        return to_velocity(q, v, accelerated(v, self.a, period), T, period)
 
     def nominal(
         self,
@@ -58,16 +65,70 @@ class JointCommand(NamedTuple):
             speed: that no joint is asked to be faster than [rad/s or m/s].
         """
         if self.a is not None:
-            s = v + T * self.a
-        elif self.q is None:
-            s = self.v
-        else:
-            rate = np.zeros(len(q))
-            if self.v is not None:
-                rate = self.v
-            elif before is not None:
-                rate = (self.q - before) / period
-            e = period * period / T
-            ahead = np.clip(rate, -speed, speed)
-            s = (self.q + T * ahead - (q + (T - e) * v)) / (period + e)
-        return np.clip(s, -speed, speed)
+            return within(v + T * self.a, speed)
+        if self.q is None:
+            return within(self.v, speed)
+        rate = self.v
+        if rate is None:
+            rate = 0.0 * q if before is None else (self.q - before) / period
+        return catching_up(q, v, self.q, rate, T, period, speed)
+
+
+@compiled
+def all_finite(x: np.ndarray) -> bool:
+    """Whether no entry of x (n,) is NaN or infinite."""
+    for i in range(len(x)):
+        if not np.isfinite(x[i]):
+            return False
+    return True
+
+
+@compiled
+def to_position(
+    q: np.ndarray, v: np.ndarray, desired: np.ndarray, T: float, period: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """q_dot' and s (n,) each, of a desired position (n,), from a state (n,), (n,)."""
+    after = (desired - q) / period
+    return after, v + (T / period) * (after - v)
+
+
+@compiled
+def to_velocity(
+    q: np.ndarray, v: np.ndarray, desired: np.ndarray, T: float, period: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """q', q_dot' and s (n,) each, of a desired velocity (n,), from a state (n,), (n,)."""
+    return q + period * desired, desired, v + (T / period) * (desired - v)
+
+
+@compiled
+def accelerated(v: np.ndarray, a: np.ndarray, period: float) -> np.ndarray:
+    """(n,) the velocity after a period of an acceleration (n,)."""
+    return v + period * a
+
+
+@compiled
+def within(s: np.ndarray, speed: float) -> np.ndarray:
+    """s (n,), no entry larger than a speed."""
+    return np.minimum(np.maximum(s, -speed), speed)
+
+
+@compiled
+def catching_up(
+    q: np.ndarray,
+    v: np.ndarray,
+    desired: np.ndarray,
+    rate: np.ndarray,
+    T: float,
+    period: float,
+    speed: float,
+) -> np.ndarray:
+    """s (n,) by which q'_s = q_d + T q_dot_d, as fast as a speed allows.
+
+    Args:
+        q, v: (n,), (n,) state.
+        desired, rate: (n,), (n,) q_d and q_dot_d.
+        T, period, speed: as of `JointCommand.nominal`.
+    """
+    e = period * period / T
+    ahead = desired + T * within(rate, speed)
+    return within((ahead - (q + (T - e) * v)) / (period + e), speed)

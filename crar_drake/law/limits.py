@@ -20,6 +20,7 @@ from crar_drake.law.step import SafetyCheck, State
 # Of a bound of s, what rounding may pass [1]; a joint is beyond its limit by more than
 # this [rad or m].
 _ROUNDING, _AT_LIMIT = 1e-12, 1e-9
+_SAFE = SafetyCheck(True, np.inf)
 
 
 class Limits:
@@ -62,30 +63,21 @@ class Limits:
 
     def rows(self, state: State) -> Rows:
         n = state.n
-        end = state.q[:n] + state.T * state.v[:n]
-        least = np.concatenate((state.lowest, -state.highest))
-        beyond = np.concatenate((self.lower - end, end - self.upper))
-        some = np.flatnonzero(beyond > 0.0)
-        if len(some):
-            rate, speed = self._retreat
-            back = np.minimum(rate * beyond[some], speed)
-            least[some] = np.maximum(least[some], back)
+        least = limit_rows(
+            *(state.q[:n], state.v[:n], self.lower, self.upper),
+            *(state.lowest, state.highest, state.T, *self._retreat),
+        )
         return hard_rows(self._g, least)
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
-        beyond, joint = farthest_beyond(s, state.lowest, state.highest)
+        beyond, joint, of_speed = farthest_beyond(
+            *(s, state.v, state.lowest, state.highest, self.fastest),
+            *(state.T, state.period),
+        )
         if beyond <= 0.0:
-            return SafetyCheck(True, np.inf)
-        reason = self._reason(state, s, joint)
+            return _SAFE
+        reason = "joint speed" if of_speed else self.name
         return SafetyCheck(False, np.nan, index=joint, reason=reason)
-
-    def _reason(self, state: State, s: np.ndarray, j: int) -> str:
-        """Whether the limit or the speed of a joint is what binds."""
-        after = state.v[j] + state.period / state.T * (s[j] - state.v[j])
-        braked = abs(state.v[j]) * (1.0 - state.period / state.T)
-        if abs(after) > max(self.fastest[j], braked):
-            return "joint speed"
-        return "joint limit"
 
 
 @compiled
@@ -108,11 +100,43 @@ def limit_bounds(
 
 
 @compiled
+def limit_rows(
+    q: np.ndarray,
+    v: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    lowest: np.ndarray,
+    highest: np.ndarray,
+    T: float,
+    rate: float,
+    speed: float,
+) -> np.ndarray:
+    """(2n,) the least of s and of -s: the bounds (n,) each; of a joint that would rest
+    beyond a limit how fast it comes back."""
+    n = len(q)
+    least = np.empty(2 * n)
+    for i in range(n):
+        end = q[i] + T * v[i]
+        least[i], least[n + i] = lowest[i], -highest[i]
+        if end < lower[i]:
+            least[i] = max(lowest[i], min(rate * (lower[i] - end), speed))
+        if end > upper[i]:
+            least[n + i] = max(-highest[i], min(rate * (end - upper[i]), speed))
+    return least
+
+
+@compiled
 def farthest_beyond(
-    s: np.ndarray, lowest: np.ndarray, highest: np.ndarray
-) -> tuple[float, int]:
+    s: np.ndarray,
+    v: np.ndarray,
+    lowest: np.ndarray,
+    highest: np.ndarray,
+    fastest: np.ndarray,
+    T: float,
+    period: float,
+) -> tuple[float, int, bool]:
     """By how much the worst of the first n entries of s (nv,) is beyond its bounds
-    (n,), but for rounding; and which it is."""
+    (n,), but for rounding; which it is; and whether a speed limit is what binds."""
     worst, joint = -np.inf, -1
     for i in range(len(lowest)):
         off = _ROUNDING * (1.0 + abs(s[i]))
@@ -120,4 +144,8 @@ def farthest_beyond(
         # A number that is none (NaN) is beyond.
         if not beyond <= worst:
             worst, joint = beyond, i
-    return worst, joint
+    if worst <= 0.0:
+        return worst, joint, False
+    after = v[joint] + period / T * (s[joint] - v[joint])
+    braked = abs(v[joint]) * (1.0 - period / T)
+    return worst, joint, abs(after) > max(fastest[joint], braked)

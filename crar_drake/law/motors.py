@@ -134,6 +134,10 @@ class Motors:
         return Rows(g, least, np.full(len(least), 100.0 * HARD))
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
+        with np.errstate(over="ignore", invalid="ignore"):  # beyond all sense
+            return self._examine(state, s, correct)
+
+    def _examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
         T, period, L = state.T, state.period, self._L
         vdot = (s - state.v) / T
         tau = np.abs(self._A @ vdot + self._b)
@@ -156,7 +160,7 @@ class Motors:
             beyond[:] = 0.0  # what the motors can do comes first
         self.largest_use = max((np.maximum(tau, held) / L).max(), (then / L).max())
         worst = int(np.argmax(np.maximum(over, beyond) / L))
-        if not (over > 0.0).any() and not (beyond > 0.0).any():
+        if (over <= 0.0).all() and (beyond <= 0.0).all():  # false of a NaN
             return SafetyCheck(True, 1.0 - self.largest_use)
         rows = self._less(state, s, over, signed, beyond) if correct else None
         return SafetyCheck(False, 1.0 - self.largest_use, rows, index=worst)

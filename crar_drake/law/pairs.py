@@ -120,7 +120,7 @@ class Pairs:
     @property
     def least_kept(self) -> float:
         """The smallest distance that braking keeps [m]; after `begin`."""
-        return float(min(self._kept, default=self._distance))
+        return float(self._kept.min()) if len(self._kept) else self._distance
 
     def rows(self, state: State) -> Rows:
         s, n = state.whole(state.nominal), state.n
@@ -169,7 +169,7 @@ def relaxed_distances(
     )
     r = some_shapes(shapes.robot, rows).value
     reaches = some_reaches(shapes.reaches, rows)
-    found = path_bounds(q, x, np.zeros(len(x)), keep, asked, r, reaches)
+    found = path_bounds(q, x, np.zeros(len(x)), keep, asked, r, reaches, False)
     if not (found.at >= 0.0).any():
         return np.zeros(0)
     kept = np.full(shapes.balls.value.shapes[-1], distance)
@@ -282,7 +282,8 @@ def check_pairs(
         asked = np.ones(len(rows), dtype=np.bool_)
         r = some_shapes(shapes.robot, rows).value
         reaches = some_reaches(shapes.reaches, rows)
-        bounds = path_bounds(start, x, straight, keep, asked, r, reaches)
+        quick = not correct
+        bounds = path_bounds(start, x, straight, keep, asked, r, reaches, quick)
         worst, most = -1, -np.inf
         for k in range(len(rows)):
             clearance = min(clearance, bounds.low[k])
@@ -344,8 +345,8 @@ def _keeps_way(q, v, s, kept, floor, of, shapes):
     keep, asked = np.full(len(rows), floor), np.ones(len(rows), dtype=np.bool_)
     some = some_shapes(shapes.robot, rows).value
     reaches = some_reaches(shapes.reaches, rows)
-    way = path_bounds(q, along, bend, keep, asked, some, reaches)
+    way = path_bounds(q, along, bend, keep, asked, some, reaches, True)
     if (way.at >= 0.0).any():
         return False
-    chord = path_bounds(q, along + bend, 0.0 * bend, keep, asked, some, reaches)
+    chord = path_bounds(q, along + bend, 0.0 * bend, keep, asked, some, reaches, True)
     return not (chord.at >= 0.0).any()

@@ -39,6 +39,12 @@ def stacked(rows: Sequence[Rows]) -> Rows:
 
 
 @compiled
+def clipped(s: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> np.ndarray:
+    """s (n,) within bounds (n,)."""
+    return np.minimum(np.maximum(s, lowest), highest)
+
+
+@compiled
 def project(
     nominal: np.ndarray,
     g: np.ndarray,
@@ -56,4 +62,4 @@ def project(
     """
     root = np.sqrt(weight)
     s = one_sided_nearest(nominal, root[:, np.newaxis] * g, root * least)
-    return np.minimum(np.maximum(s, lowest), highest)
+    return clipped(s, lowest, highest)

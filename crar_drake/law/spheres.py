@@ -129,7 +129,8 @@ class MovingSpheres:
             return SafetyCheck(True, clearance)
         rows = of_controlled(g, least, s, state.n) if len(least) else None
         joints = moved > 0.0 if moved.any() else None
-        return SafetyCheck(False, clearance, rows, joints, (link, sphere))
+        share = harmless_share(state.q, state.v, s, self._world)
+        return SafetyCheck(False, clearance, rows, joints, (link, sphere), share=share)
 
     def clear_after(self, braked: bool) -> np.ndarray:
         """(N,) bool, of which spheres the next state is safe: the present one is, or
@@ -137,6 +138,20 @@ class MovingSpheres:
         if self._spheres is None or braked:
             return self.clear
         return self.clear | (self._levels.moving >= self._floor).all(axis=0)
+
+
+@compiled
+def harmless_share(q: np.ndarray, v: np.ndarray, s: np.ndarray, world: Held) -> float:
+    """The share of s (nv,) that leads to a state as slow as is harmless, at most 1."""
+    links, numbers = world.value.links.value, world.value.numbers
+    reach = own_reach(braking_line(q, v, world), links) + links.turned
+    left = numbers.kappa * (numbers.harmless - times(reach, np.abs(v)))
+    asked = (numbers.period / numbers.T) * times(reach, np.abs(s))
+    share = 1.0
+    for i in range(len(left)):
+        if asked[i] > 0.0:
+            share = min(share, 0.999 * left[i] / asked[i])
+    return max(share, 0.0)
 
 
 @compiled

@@ -8,12 +8,12 @@ every later state is safe, for any set of constraints (`docs/theory/theorem.md`)
 """
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from crar_drake.law.projection import Rows, project, stacked
+from crar_drake.law.projection import Rows, clipped, project, stacked
 
 # How a step was found.
 NOMINAL, CORRECTED, SCALED = 0.0, 1.0, 2.0
@@ -29,6 +29,11 @@ LESS = (0.25, 0.0625, 0.0)
 _ROW_ROUNDING = 1e-9
 
 
+@cache
+def _unbounded(n: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.full(n, -np.inf), np.full(n, np.inf)
+
+
 class State:
     """The robot at a step; of nv joints the first n are controlled.
 
@@ -40,8 +45,10 @@ class State:
         plant_step: of the plant, at most the period; 0 if it moves continuously [s].
         known: whether the pairs' braking path over T is known to be collision-free.
         prescribed: (nv - n,) s of the other joints; they brake along with the others.
+            They keep their velocities unless it is set.
         nominal: (n,) the desired s, made when it is first asked for [rad/s or m/s].
-        lowest, highest: (n,) bounds of s, 0 between them; constraints narrow them.
+        lowest, highest: (n,) bounds of s, 0 between them; constraints replace them by
+            narrower ones.
         recovering: whether something is violated already, and is to be left; a
             constraint says so.
     """
@@ -60,14 +67,21 @@ class State:
         self.q, self.v, self.n = q, v, n
         self.T, self.period, self.plant_step = T, period, plant_step
         self.known = known
-        self.prescribed = np.zeros(len(v) - n)
+        self.prescribed = v[n:]
         self._make_nominal = nominal
-        self.lowest, self.highest = np.full(n, -np.inf), np.full(n, np.inf)
+        self.lowest, self.highest = _unbounded(n)
         self.recovering = False
 
     @cached_property
     def nominal(self) -> np.ndarray:
         return self._make_nominal()
+
+    def segment(self, s: np.ndarray) -> np.ndarray:
+        """(nv,) what leads from q over where a step s (nv,) takes the robot, a period
+        on, to where it would come to rest from there [rad or m]: a segment, of a robot
+        that moves in steps of the period."""
+        after = self.v + self.period / self.T * (s - self.v)
+        return (self.period + self.T) * after
 
     def whole(self, s: np.ndarray, share: float = 1.0) -> np.ndarray:
         """(nv,) s of the controlled joints (n,), and a share of the others'."""
@@ -87,6 +101,8 @@ class SafetyCheck(NamedTuple):
         index: of what is violated the most, for the report: an int, or a tuple of
             them; -1 for nothing.
         reason: what is violated, for the report; "" for the constraint's name.
+        share: of the step, which may be safe where larger ones are not; 0 if nothing
+            is known of one.
     """
 
     safe: bool
@@ -95,6 +111,7 @@ class SafetyCheck(NamedTuple):
     joints: np.ndarray | None = None
     index: int | tuple[int, ...] = -1
     reason: str = ""
+    share: float = 0.0
 
 
 class Constraint(Protocol):
@@ -193,7 +210,7 @@ def step(
             return Step(desired, NOMINAL, 1.0, objections, found.clearances)
         objections.update(found.objections)
     if lazily and asked is None:
-        s = state.whole(np.clip(state.nominal, state.lowest, state.highest))
+        s = state.whole(clipped(state.nominal, state.lowest, state.highest))
         found = examine(constraints, state, s)
         if found.safe:
             return Step(s, CORRECTED, 1.0, objections, found.clearances)
@@ -229,7 +246,7 @@ def _projected(state: State, share: float, rows: Sequence[Rows]) -> np.ndarray:
     """(nv,) nearest to a share of the nominal."""
     nominal = share * state.nominal
     if not rows:
-        s = np.clip(nominal, state.lowest, state.highest)
+        s = clipped(nominal, state.lowest, state.highest)
     else:
         s = project(nominal, *stacked(rows), state.lowest, state.highest)
     return state.whole(s, share)
@@ -277,6 +294,11 @@ def _towards_braking(
                 high = middle
         share = low
         break
+    least = min(each.share for each in found.objections.values())
+    if share < least:
+        looked = examine(constraints, state, least * s)
+        if looked.safe:
+            taken, share, clearances = least * s, least, looked.clearances
     if share < LESS[0]:
         for less in LESS:
             other = _projected(state, less, asked)

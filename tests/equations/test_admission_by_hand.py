@@ -132,7 +132,7 @@ def test_what_has_no_distance_is_not_clear(ball) -> None:
     start, x = np.array([1.0, 1.0]), np.array([np.nan, 0.0])
     level, asked = np.array([4e-3]), np.array([True])
     straight = np.zeros(2)
-    bounds = path_bounds(start, x, straight, level, asked, ball.robot, ball.held)
+    bounds = path_bounds(start, x, straight, level, asked, ball.robot, ball.held, False)
     assert bounds.at[0] >= 0.0 and bounds.low[0] == bounds.d[0] == -np.inf
     q, v, s = np.array([1.0, 1.0]), np.zeros(2), np.array([0.1, 0.0])
     gains = AdmissionGains(T, PERIOD, 0.0, 4e-3)
@@ -153,7 +153,7 @@ def test_a_pair_that_is_not_decided_is_not_clear_however_far(ball) -> None:
     asked, straight = np.array([True]), np.zeros(2)
     for less, clear in ((100.0, True), (1e-3, False), (-1e-3, False)):
         level = np.array([d - less])
-        bounds = path_bounds(start, x, straight, level, asked, ball.robot, ball.held)
+        bounds = path_bounds(start, x, straight, level, asked, ball.robot, ball.held, False)
         assert (bounds.at[0] < 0.0) == clear
 
 

@@ -158,7 +158,6 @@ class FilterMemory:
     # (n,) the position that was wanted, None if none was
     desired: np.ndarray | None = None
     following: bool = False  # whether the command was the wanted one
-    pushed: bool = False  # whether a pair of links held it back
     known: bool = False  # whether its braking path is known to be clear
     T: float = 0.0  # over which [s]; 0 before the first step
     # where obstacles are at the next step at most; None without any
@@ -418,12 +417,11 @@ class SafetyFilter:
             return self._brake(memory, NO_SENSE, error, worst, regions)
         # Lest the robot leap, what was held back catches up no faster than this.
         calm = memory.following or np.abs(s).max() <= self._speed
-        taken, safe_of = s if calm else None, None
+        state.desired, safe_of = s if calm else None, None
         if regions is None:
-            lazily = not memory.pushed or taken is None
-            found = step(state, self.constraints, taken, lazily)
+            found = step(state, self.constraints)
         else:
-            found, safe_of = self.among_obstacles(state, regions, taken, memory.pushed)
+            found, safe_of = self.among_obstacles(state, regions)
         if found.how != NOMINAL or found.s is not s:
             v_next = state.v + self._period * ((found.s - state.v) / state.T)
             q_next = state.q + self._period * v_next
@@ -440,7 +438,6 @@ class SafetyFilter:
             v_next.copy(),
             desired.q,
             report.how == _HOW[NOMINAL],
-            bool({"pair", "obstacle"} & set(found.objections)),
             self.pairs.present_is_clear,
             state.T,
             regions,
@@ -448,45 +445,31 @@ class SafetyFilter:
         )
 
     def among_obstacles(
-        self,
-        state: State,
-        regions: Regions,
-        desired: np.ndarray | None,
-        pushed: bool = False,
+        self, state: State, regions: Regions
     ) -> tuple[Step, np.ndarray]:
-        """The step of a state with a nominal, among obstacles.
-
-        Args:
-            state: of all joints.
-            regions: where obstacles are taken to be.
-            desired: (n,) s of a command that is taken bit-identical if it is safe; None
-                if none may be.
-            pushed: whether pairs or obstacles held back the step before.
+        """The step of a state of all joints, among obstacles.
 
         Returns:
             The step; (N,) bool, of which obstacles the next state is safe.
         """
         spheres = self.among.place(regions)
-        evades = spheres.evades(state, state.nominal if desired is None else desired)
-        lazily = not pushed and not evades
-        taken = None if evades else desired
-        found = step(state, [*self.constraints, spheres], taken, lazily)
+        found = step(state, [*self.constraints, spheres])
         return found, spheres.clear_after(found.how == SCALED and found.share == 0.0)
 
     def left_among_obstacles(
         self, state: State, regions: Regions
     ) -> tuple[Step, np.ndarray]:
         """What is left among obstacles of the nominal, of which pairs, limits and
-        motors are known to be safe; arguments and answers as of `among_obstacles`."""
+        motors are known to be safe; as `among_obstacles`."""
         spheres = self.among.place(regions)
-        if not spheres.evades(state, state.nominal):
-            spheres.begin(state)
+        spheres.begin(state)
+        if not state.recovering:
             check = spheres.examine(state, state.nominal, False)
             if check.safe:
                 clearances = {spheres.name: check.clearance}
                 found = Step(state.nominal, NOMINAL, 1.0, {}, clearances)
                 return found, spheres.clear_after(False)
-        return self.among_obstacles(state, regions, None, pushed=True)
+        return self.among_obstacles(state, regions)
 
     def _state(self, memory: FilterMemory, desired: JointCommand) -> State:
         """The state of a step whose T is that of the step before."""
@@ -558,23 +541,23 @@ class SafetyFilter:
     ) -> FilterReport:
         """What became of a desired step s (n,)."""
         how = found.how if found.s is s else max(found.how, CORRECTED)
-        why, joint, objections = "", None, found.objections
+        why, joint, pair, objections = "", None, None, found.objections
+        if self.pairs.name in objections:
+            why, index = self.pairs.name, objections[self.pairs.name].index
+            pair = self.pairs.names[index] if index >= 0 else None
         if how != NOMINAL:
             # The nominal is within the bounds, the command may not have been.
             check = self.limits.examine(state, s, False)
             if not check.safe:
-                objections = {self.limits.name: check, **objections}
-        if how != NOMINAL and not objections and not calm:
-            why, joint = CATCHING_UP, int(np.argmax(np.abs(s)))
-        pair, obstacle = None, None
+                why, joint = check.reason, check.index
+            elif not why and not calm:
+                why, joint = CATCHING_UP, int(np.argmax(np.abs(s)))
         for name, check in objections.items():
-            why = why or check.reason or name
-            if name == self.pairs.name:
-                pair = self.pairs.names[check.index]
-            elif name == self.limits.name and joint is None:
-                joint = check.index
-            elif self.motors is not None and name == self.motors.name:
-                joint = self.motors.joint_of(check.index) if joint is None else joint
+            if name not in (self.pairs.name, self.limits.name):
+                why = check.reason or name
+            if self.motors is not None and name == self.motors.name:
+                joint = self.motors.joint_of(check.index)
+        obstacle = None
         of_regions = {}
         if regions is not None:
             obstacle = self.among.ran_into(regions, found)
@@ -725,7 +708,7 @@ class SafetyFilter:
         )
         command = FilterCommand(self.joint_names, q, v, vdot, report)
         q, v = q.copy(), v.copy()
-        return FilterMemory(q, v, None, False, False, known, T, regions, command)
+        return FilterMemory(q, v, None, False, known, T, regions, command)
 
 
 def _joint_model(

@@ -488,7 +488,9 @@ def examine_present(
     level = np.full(len(low), gains.floor)
     needed = gains.floor + travel(step_reach(gains) * s, beyond)
     # A distance that is none (NaN) is below whatever is needed.
-    found = path_bounds(q, x, straight, level - ROUNDING, ~(low >= needed), r, here, False)
+    found = path_bounds(
+        q, x, straight, level - ROUNDING, ~(low >= needed), r, here, False
+    )
     held = True
     for pair in range(len(low)):
         if found.low[pair] < np.inf:

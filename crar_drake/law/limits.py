@@ -70,12 +70,13 @@ class Limits:
         return hard_rows(self._g, least)
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
-        beyond, joint, of_speed = farthest_beyond(
-            *(s, state.v, state.lowest, state.highest, self.fastest),
+        if is_within(s, state.lowest, state.highest):
+            return _SAFE
+        n = state.n
+        joint, of_speed = farthest_beyond(
+            *(state.q[:n], state.v[:n], s, self.lower, self.upper, self.fastest),
             *(state.T, state.period),
         )
-        if beyond <= 0.0:
-            return _SAFE
         reason = "joint speed" if of_speed else self.name
         return SafetyCheck(False, np.nan, index=joint, reason=reason)
 
@@ -126,26 +127,36 @@ def limit_rows(
 
 
 @compiled
+def is_within(s: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> bool:
+    """Whether the first n entries of s (nv,) are within bounds (n,), but for rounding;
+    a number that is none (NaN) is not."""
+    for i in range(len(lowest)):
+        off = _ROUNDING * (1.0 + abs(s[i]))
+        if not (lowest[i] - off <= s[i] <= highest[i] + off):
+            return False
+    return True
+
+
+@compiled
 def farthest_beyond(
-    s: np.ndarray,
+    q: np.ndarray,
     v: np.ndarray,
-    lowest: np.ndarray,
-    highest: np.ndarray,
+    s: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
     fastest: np.ndarray,
     T: float,
     period: float,
-) -> tuple[float, int, bool]:
-    """By how much the worst of the first n entries of s (nv,) is beyond its bounds
-    (n,), but for rounding; which it is; and whether a speed limit is what binds."""
-    worst, joint = -np.inf, -1
-    for i in range(len(lowest)):
-        off = _ROUNDING * (1.0 + abs(s[i]))
-        beyond = max(lowest[i] - s[i], s[i] - highest[i]) - off
-        # A number that is none (NaN) is beyond.
-        if not beyond <= worst:
-            worst, joint = beyond, i
-    if worst <= 0.0:
-        return worst, joint, False
-    after = v[joint] + period / T * (s[joint] - v[joint])
-    braked = abs(v[joint]) * (1.0 - period / T)
-    return worst, joint, abs(after) > max(fastest[joint], braked)
+) -> tuple[int, bool]:
+    """The joint that a step s (nv,) takes farthest beyond, measured by what it moves in
+    T, and whether that is beyond its speed; of n joints, as of `limit_bounds`."""
+    joint, of_speed, most = 0, False, -np.inf
+    for i in range(len(q)):
+        end, after = q[i] + T * v[i], v[i] + period / T * (s[i] - v[i])
+        rest = q[i] + (period + T) * after
+        low, high = min(lower[i], q[i], end), max(upper[i], q[i], end)
+        far = max(low - rest, rest - high)
+        fast = T * (abs(after) - max(fastest[i], abs(v[i]) * (1.0 - period / T)))
+        if not max(far, fast) <= most:
+            joint, of_speed, most = i, fast > far, max(far, fast)
+    return joint, of_speed

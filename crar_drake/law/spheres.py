@@ -80,25 +80,6 @@ class MovingSpheres:
         self._evading: Rows | None = None
         self.evaded = (-1, -1)
 
-    def evades(self, state: State, desired: np.ndarray) -> bool:
-        """Whether a desired step (nv,) leaves (M5): then it is not to be taken, and
-        rows ask for it."""
-        if self._moving is None:
-            return False
-        period = state.period
-        after = state.v + period / state.T * (desired - state.v)
-        g, least, who = evading_rows(
-            *(state.q, state.v, after, self._moving, self._robot.value, self._world)
-        )
-        if not len(least):
-            return False
-        now = times(g, state.v)
-        by = now + (least - now) * (state.T / period)
-        weight = np.full(len(by), self._world.value.evasion.weight)
-        self._evading = Rows(g, by, weight)
-        self.evaded = tuple(who[int(np.argmax(least - times(g, after)))])
-        return True
-
     def begin(self, state: State) -> None:
         if self._spheres is None:
             return
@@ -106,6 +87,25 @@ class MovingSpheres:
         self._levels = present_levels(
             line, self.clear, self._spheres, self._robot.value, self._world
         )
+        if self._moving is not None:
+            self._evade(state)
+
+    def _evade(self, state: State) -> None:
+        """Asks for rows if what is desired leaves (M5)."""
+        desired, period = state.desired, state.period
+        if desired is None:
+            desired = state.whole(state.nominal)
+        after = state.v + period / state.T * (desired - state.v)
+        g, least, who = evading_rows(
+            *(state.q, state.v, after, self._moving, self._robot.value, self._world)
+        )
+        if not len(least):
+            return
+        now = times(g, state.v)
+        by = now + (least - now) * (state.T / period)
+        weight = np.full(len(by), self._world.value.evasion.weight)
+        self._evading, state.recovering = Rows(g, by, weight), True
+        self.evaded = tuple(who[int(np.argmax(least - times(g, after)))])
 
     def rows(self, state: State) -> Rows | None:
         if self._spheres is None:

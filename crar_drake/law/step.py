@@ -46,11 +46,13 @@ class State:
         known: whether the pairs' braking path over T is known to be collision-free.
         prescribed: (nv - n,) s of the other joints; they brake along with the others.
             They keep their velocities unless it is set.
-        nominal: (n,) the desired s, made when it is first asked for [rad/s or m/s].
+        nominal: (n,) s to be as near to as is safe, made when it is first asked for
+            [rad/s or m/s].
+        desired: (nv,) s that is taken bit-identical if it is safe; None if none is.
         lowest, highest: (n,) bounds of s, 0 between them; constraints replace them by
             narrower ones.
-        recovering: whether something is violated already, and is to be left; a
-            constraint says so.
+        recovering: whether there is something to be left, which is violated already or
+            comes; a constraint says so. Rows then hold for a desired step, too.
     """
 
     def __init__(
@@ -67,7 +69,7 @@ class State:
         self.q, self.v, self.n = q, v, n
         self.T, self.period, self.plant_step = T, period, plant_step
         self.known = known
-        self.prescribed = v[n:]
+        self.prescribed, self.desired = v[n:], None
         self._make_nominal = nominal
         self.lowest, self.highest = _unbounded(n)
         self.recovering = False
@@ -183,39 +185,30 @@ def examine(
     return _Examined(not objections, objections, clearances)
 
 
-def step(
-    state: State,
-    constraints: Sequence[Constraint],
-    desired: np.ndarray | None = None,
-    lazily: bool = False,
-) -> Step:
+def step(state: State, constraints: Sequence[Constraint]) -> Step:
     """The step nearest to `state.nominal` that every constraint finds safe.
 
-    Args:
-        state: it is taken from.
-        constraints: that hold.
-        desired: (nv,) taken bit-identical if it is safe, and where something is
-            violated already if it keeps the rows by which that is left; None if nothing
-            may be.
-        lazily: whether the nominal, within its bounds, is examined before any rows are
-            asked for.
+    `state.desired` is taken bit-identical if it is safe, and where something is to be
+    left if it keeps the rows that ask for it. Else the nominal within its bounds is
+    examined before any rows are asked for: most steps need none.
     """
     for constraint in constraints:
         constraint.begin(state)
     asked = _rows(state, constraints) if state.recovering else None
     objections: dict[str, SafetyCheck] = {}
+    desired = state.desired
     if desired is not None and (asked is None or _keeps(asked, desired[: state.n])):
         found = examine(constraints, state, desired)
         if found.safe:
             return Step(desired, NOMINAL, 1.0, objections, found.clearances)
         objections.update(found.objections)
-    if lazily and asked is None:
+    if asked is None:
         s = state.whole(clipped(state.nominal, state.lowest, state.highest))
         found = examine(constraints, state, s)
         if found.safe:
             return Step(s, CORRECTED, 1.0, objections, found.clearances)
         objections = {**found.objections, **objections}
-    asked = _rows(state, constraints) if asked is None else asked
+        asked = _rows(state, constraints)
     rows, how = list(asked), NOMINAL
     for k in range(CORRECTIONS + 1):
         s = _projected(state, 1.0, rows)

@@ -175,7 +175,7 @@ def test_a_command_that_gets_out_of_the_way_itself_is_taken_as_it_is(evading, ha
 def test_the_rows_are_the_rates_of_distances(evading, witness):
     """g and what the obstacle adds, against differences of Drake's distances."""
     rng = np.random.default_rng(6)
-    among, law = evading.among, evading._law.value
+    among, robot = evading.among, evading._robot.value
     evasion, n = among._world.value.evasion, len(evading.joint_names)
     step, seen = 1e-6, 0
     for _ in range(30):
@@ -197,7 +197,7 @@ def test_the_rows_are_the_rates_of_distances(evading, witness):
         regions = among.regions(replace(regions, seen=was), people, q, v)
         np.testing.assert_allclose(regions.seen.velocity[0], velocity, atol=1e-9)
         moving = among._moving(regions.seen)
-        g, least, who = evading_rows(q, v, v, moving, law.robot.value, among._world)
+        g, least, who = evading_rows(q, v, v, moving, robot, among._world)
 
         def distance(q, t, begin=begin, velocity=velocity):
             centre = begin + t * velocity
@@ -239,7 +239,7 @@ def test_from_between_two_it_slips_out(evading, witness, hand):
 def test_limits_of_joints_speeds_and_motors_hold_meanwhile(witness, hand):
     filter = made(True, effort_limits=True, velocity_scale=0.4)
     model = filter.model
-    plant, limits = model.plant, filter._efforts.limits
+    plant, limits = model.plant, model.actuator_limits
     workspace = model.MakeWorkspace()
     fastest = 0.4 * plant.GetVelocityUpperLimits()
     rest = model.rest_positions()

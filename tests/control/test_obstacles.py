@@ -337,7 +337,7 @@ def test_motors_limits_hold_among_obstacles(witness):
     """Torques by Drake's inverse dynamics; and nothing is touched that is fast."""
     filter = SafetyFilter("obstacle_arm", PERIOD, effort_limits=True)
     model, tally = filter.model, Tally()
-    plant, limits = model.plant, filter._efforts.limits
+    plant, limits = model.plant, model.actuator_limits
     context = plant.CreateDefaultContext()
     rest = model.rest_positions()
     witness.look(rest, 0 * rest, np.zeros((1, 3)), np.zeros(1))

@@ -410,7 +410,9 @@ def test_no_distance_on_a_path_is_below_its_bound(shapes: MovingShapes) -> None:
         slack = rng.choice([-0.02, -1e-6, 1e-6, 1e-3, 0.01, 0.1], size=len(true))
         asked = rng.random(len(true)) < 0.8
         level = true - slack
-        bounds = path_bounds(start, x, 0.0 * x, level, asked, shapes.robot, shapes.held, False)
+        bounds = path_bounds(
+            start, x, 0.0 * x, level, asked, shapes.robot, shapes.held, False
+        )
         shown = asked & (bounds.at < 0.0)
         assert (true[shown] >= level[shown] - 1e-12).all()
         assert (bounds.low[shown] <= true[shown] + 1e-12).all()
@@ -442,7 +444,9 @@ def test_no_distance_on_a_bent_path_is_below_its_bound(shapes: MovingShapes) -> 
         true = d.min(axis=0)
         slack = rng.choice([-0.02, -1e-6, 1e-6, 1e-3, 0.01], size=len(true))
         asked, level = np.ones(len(true), dtype=bool), true - slack
-        bounds = path_bounds(start, x, bend, level, asked, shapes.robot, shapes.held, False)
+        bounds = path_bounds(
+            start, x, bend, level, asked, shapes.robot, shapes.held, False
+        )
         shown = bounds.at < 0.0
         assert (true[shown] >= level[shown] - 1e-6).all()  # the samples' spacing
         assert (bounds.low[shown] <= true[shown] + 1e-12).all()
@@ -467,8 +471,10 @@ def test_gradients_are_those_of_the_distances_where_they_fail(
     d = shapes.on_path(start, start + x, 50)
     level = d.min(axis=0) + rng.choice([-0.1, 0.01], size=d.shape[1])
     asked = np.ones(len(level), dtype=bool)
-    bounds = path_bounds(start, x, 0.0 * x, level, asked, shapes.robot, shapes.held, False)
-    failed, g = gradients_at(start, x, bounds, shapes.robot, shapes.held)
+    bounds = path_bounds(
+        start, x, 0.0 * x, level, asked, shapes.robot, shapes.held, False
+    )
+    failed, g = gradients_at(start, x, bounds, shapes.robot, shapes.held, False)
     np.testing.assert_array_equal(failed, np.flatnonzero(bounds.at >= 0.0))
     for pair, gradient in zip(failed, g, strict=True):
         at = start + bounds.at[pair] * x

@@ -90,7 +90,9 @@ def test_no_distance_on_a_path_is_below_what_is_found(paths, seed) -> None:
     start, x, bend = drawn(paths, seed)
     level = np.full(paths.rows, np.random.default_rng(seed).choice([0.004, 0.03]))
     asked = np.ones(paths.rows, dtype=bool)
-    bounds = path_bounds(start, x, bend, level, asked, paths.robot, paths.reaches, False)
+    bounds = path_bounds(
+        start, x, bend, level, asked, paths.robot, paths.reaches, False
+    )
     t = np.linspace(0.0, 1.0, 16)[:, None]
     judged = paths.judged(start + t * x + t * t * bend)
     clear = paths.by_pair(np.where(bounds.at < 0.0, 1.0, 0.0)) > 0.0
@@ -105,7 +107,9 @@ def test_most_that_is_clear_is_found_to_be(paths) -> None:
         start, x, bend = drawn(paths, seed)
         level = np.full(paths.rows, 0.004)
         asked = np.ones(paths.rows, dtype=bool)
-        bounds = path_bounds(start, x, bend, level, asked, paths.robot, paths.reaches, False)
+        bounds = path_bounds(
+            start, x, bend, level, asked, paths.robot, paths.reaches, False
+        )
         t = np.linspace(0.0, 1.0, 15)[:, None]
         far = paths.judged(start + t * x + t * t * bend) > 0.009
         clear = paths.by_pair(np.where(bounds.at < 0.0, 1.0, 0.0)) > 0.0

@@ -293,8 +293,7 @@ class SafetyFilter:
         self.motors = None
         limits = gains.effort_limits(model)
         if np.isfinite(limits).any():
-            ticks = gains.torque_ticks(self._period)
-            self.motors = Motors(model, limits, ticks)
+            self.motors = Motors(model, limits)
             self.constraints.append(self.motors)
         self._examines_all = not model.pairs.not_examined
         self._mode, self._robot = mode, robot

@@ -1,13 +1,19 @@
 """Motors: torques are within their limits now, at the period's end, and of braking.
 
-A step asks of each motor tau = A q_ddot + b. It is safe if by the model the torque is
-within the limits now and at the period's last tick, where Coriolis forces and gravity
-have changed; and if that of braking is, at the state that the step reaches. A motor
-that braking takes beyond its limit already is taken no farther.
+Lemma: braking keeps the torques of braking. By (A1) with s = 0 the states of braking,
+k periods on, are
 
-There is no lemma: braking may need more torque later than it does at first. That no
-torque is beyond a limit is observed (`docs/measurements/filter-step.md`), not proved.
-Braking more slowly takes less: `braking_time_constant` chooses T once a step.
+    q + kappa T (1 - w) q_dot,  w q_dot,      w = (1 - period / T)^k,
+
+and so they are of the next braking path, for larger k. A state is safe if on this curve
+the torques of q_ddot = -w q_dot / T are within the limits, down to w = 0: what holds
+the robot where it comes to rest. A step is safe if its torques are within the limits
+now, and in the middle and at the end of the period, and it leads to a safe state. A motor that the present
+braking path takes beyond its limit already is taken no farther.
+
+What is asked between places of the curve, and within a period, is observed (see
+`docs/measurements/filter-step.md`), not proved. Braking more slowly takes less:
+`braking_time_constant` chooses T once a step.
 
 Rows, linear in s: each motor's torque is within its limit, and so that braking a period
 on needs at most RESERVE of it, or where it needs more already, no more than a period of
@@ -27,13 +33,20 @@ from crar_drake.robot.model import ControlModel
 # The share of a limit that braking may need in the next step [1]: the rest is for what
 # Coriolis forces and gravity change in between.
 RESERVE = 0.8
-# What is asked for ends so much below a limit [1], lest rounding be beyond it.
-_INSIDE = 1e-4
-# Below this share of all limits no torque is expected to pass one within a period [1].
+# What is asked for ends so much below a limit [1].
+_INSIDE = 5e-3
+# Torques are within this share of a limit at the ends and the middle of a period [1]: the
+# rest is for what is between.
+_HELD = 0.9975
+# Torques of braking are within this share of a limit where they are looked at [1]: the
+# rest is for what is between.
+_OF_PATH = 0.96
+# Below this share of all limits no torque is expected to pass one within a period and
+# the braking after it [1].
 _CALM = 0.5
-# By how much Coriolis forces and gravity may change what is needed in a second, beside
-# the reserve [1/s].
-_CHANGE = 20.0
+# Where the torques of braking are looked at: shares w of the speed.
+_PLACES = (1.0, 0.67, 0.33, 0.0)
+_LEAST = 0.1
 # A correction asks for so much more than is missing [1].
 _MORE = 1.2
 
@@ -48,19 +61,18 @@ class Motors:
 
     name = "motor"
 
-    def __init__(self, model: ControlModel, limits: np.ndarray, ticks: int) -> None:
+    def __init__(self, model: ControlModel, limits: np.ndarray) -> None:
         """
         Args:
             model: whose dynamics.
             limits: (nu,) as of the attribute.
-            ticks: how often in a period the torque is computed anew.
         """
         self.limits, self.largest_use = limits, 0.0
         self._model = model
         self._some = np.flatnonzero(np.isfinite(limits))
         self._L = limits[self._some]
-        self._aimed = (1.0 - _INSIDE) * self._L
-        self._last_tick = 1.0 - 1.0 / ticks
+        self._aimed, self._held = (1.0 - _INSIDE) * self._L, _HELD * self._L
+        self._of_path = _OF_PATH * self._L
         self._workspace = model.MakeWorkspace()
 
     def joint_of(self, index: int) -> int:
@@ -78,8 +90,8 @@ class Motors:
         """Takes inertia and bias of a state (nv,), (nv,), controlled joints first."""
         model = self._model
         context = self._workspace.plant_context
-        self._x = np.concatenate(model.in_plant(q, v))
-        model.plant.SetPositionsAndVelocities(context, self._x)
+        x = np.concatenate(model.in_plant(q, v))
+        model.plant.SetPositionsAndVelocities(context, x)
         A = model.effort_per_acceleration(self._workspace)
         self._A = np.ascontiguousarray(A[np.ix_(self._some, model.order)])
         still = np.zeros(len(v))
@@ -93,7 +105,7 @@ class Motors:
         is_clear: Callable[[float], bool],
     ) -> float:
         """The shortest T over which the motors can brake, now and with a reserve after
-        the nominal; else the longest over which they can now; else the longest.
+        the nominal; else the longest over which they can now; else the present one.
 
         Args:
             state: whose T is the one that it is known to be safe over [s].
@@ -106,24 +118,27 @@ class Motors:
             *(self._A, self._b, self._aimed, state.v, vdot, state.n),
             *(np.array(choices), state.period),
         )
-        chosen = longest = 0.0
+        chosen, (q, v) = state.T, self._after(state, state.q, state.v, vdot)
         for T, (now, then) in zip(choices, found, strict=True):
             if T > state.T and not is_clear(T):
                 break
-            longest = T
+            if now and T != state.T:
+                now = self._can_brake(state, state.q, state.v, vdot, T)
             if now:
                 chosen = T
-            if now and then:
+            if now and then and self._can_brake(state, q, v, vdot, T):
                 break
-        return chosen or longest
+        return chosen
+
+    def _can_brake(self, state, q, v, vdot, T: float) -> bool:
+        """Whether torques of `_of_braking` are within the limits."""
+        braking, _ = self._of_braking(state, q, v, vdot, T)
+        return bool((np.abs(braking) <= self._of_path).all())
 
     def begin(self, state: State) -> None:
         self.measure(state.q, state.v)
         self.largest_use = 0.0
-        self._braking_now = np.abs(
-            self._A @ self._braking(state, np.zeros_like(state.v)) + self._b
-        )
-        self._after_braking = None
+        self._allowed: np.ndarray | None = None
 
     def rows(self, state: State) -> Rows:
         g, least = motor_rows(
@@ -138,68 +153,86 @@ class Motors:
             return self._examine(state, s, correct)
 
     def _examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
-        T, period, L = state.T, state.period, self._L
-        vdot = (s - state.v) / T
+        L, vdot = self._L, (s - state.v) / state.T
+        q, v = self._after(state, state.q, state.v, vdot)
         tau = np.abs(self._A @ vdot + self._b)
-        braking = self._braking(state, vdot)
-        then = np.abs(self._A @ braking + self._b)
-        use, needed = (tau / L).max(), (then / L).max()
-        calm = not self._last_tick or use <= _CALM
-        if use <= 1.0 and calm and needed <= RESERVE - _CHANGE * period:
-            self.largest_use = max(use, needed)
-            return SafetyCheck(True, 1.0 - max(use, needed))
-        held = tau
-        if not calm:
-            held = np.abs(self._torque_at(state, vdot, self._last_tick, vdot))
-        signed = self._torque_at(state, vdot, 1.0, braking)
+        use = (tau / L).max()
+        if use <= _CALM:
+            braking = np.concatenate((-v[: state.n] / state.T, vdot[state.n :]))
+            use = max(use, (np.abs(self._A @ braking + self._b) / L).max())
+        if use <= _CALM:
+            self.largest_use = use
+            return SafetyCheck(True, 1.0 - use)
+        for at, rate in (self._after(state, state.q, state.v, vdot, 0.5), (q, v)):
+            tau = np.maximum(tau, np.abs(self._torques(at, rate, vdot)))
+        over = tau - self._held
+        signed, at = np.zeros(len(L)), np.ones(len(L))
+        if correct or (over <= 0.0).all():
+            signed, at = self._of_braking(state, q, v, vdot, state.T)
         then = np.abs(signed)
-        over = np.maximum(tau, held) - L
-        beyond = then - self._allowed_of_braking(state, then)
-        cannot_brake = (self._braking_now > L).any()
-        if cannot_brake:
-            beyond[:] = 0.0  # what the motors can do comes first
-        self.largest_use = max((np.maximum(tau, held) / L).max(), (then / L).max())
-        worst = int(np.argmax(np.maximum(over, beyond) / L))
+        beyond = then - self._of_path
+        if not (beyond <= 0.0).all():
+            beyond = then - self._allowed_of_braking(state)
+        self.largest_use = max((tau / L).max(), (then / L).max())
         if (over <= 0.0).all() and (beyond <= 0.0).all():  # false of a NaN
             return SafetyCheck(True, 1.0 - self.largest_use)
-        rows = self._less(state, s, over, signed, beyond) if correct else None
+        worst = int(np.argmax(np.maximum(over, beyond) / L))
+        rows = self._less(state, s, over, signed, beyond, at) if correct else None
         return SafetyCheck(False, 1.0 - self.largest_use, rows, index=worst)
 
-    def _braking(self, state: State, vdot: np.ndarray) -> np.ndarray:
-        """(nv,) accelerations of braking a period after vdot (nv,); of the prescribed
-        joints vdot."""
-        n, v = state.n, state.v
-        after = v[:n] + state.period * vdot[:n]
-        return np.concatenate((-after / state.T, vdot[n:]))
+    def _of_braking(
+        self, state: State, q: np.ndarray, v: np.ndarray, vdot: np.ndarray, T: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(M,) torques of braking over T [s] from a state (nv,), (nv,): signed, the
+        largest on the way; (M,) the share w of the speed there.
 
-    def _allowed_of_braking(self, state: State, then: np.ndarray) -> np.ndarray:
-        """The limits; where braking needs more, what it does after braking."""
-        if not (then > self._L).any():
-            return self._L
-        if self._after_braking is None:
-            vdot = np.concatenate(
-                (-state.v[: state.n] / state.T, np.zeros(len(state.v) - state.n))
-            )
-            braking = self._braking(state, vdot)
-            tau = self._torque_at(state, vdot, 1.0, braking)
-            self._after_braking = np.abs(tau)
-        return np.maximum(self._L, self._after_braking)
+        Args:
+            vdot: (nv,) of which prescribed joints go on by theirs.
+        """
+        n, period = state.n, state.period
+        kappa, slower = 1.0 - 0.5 * (period + state.plant_step) / T, 1.0 - period / T
+        signed, at = np.zeros(len(self._L)), np.ones(len(self._L))
+        q, v_there, braking, whole = q.copy(), v.copy(), vdot.copy(), v[:n]
+        start = q[:n].copy()
+        # Each acceleration is held for a period, in which the speed falls.
+        for w in _PLACES:
+            braking[:n] = (-w / T) * whole
+            for there in (w, w * slower) if w else (w,):
+                q[:n] = start + (kappa * T * (1.0 - there)) * whole
+                v_there[:n] = there * whole
+                tau = self._torques(q, v_there, braking)
+                # A torque that is none (NaN) stays.
+                more = ~(np.abs(tau) <= np.abs(signed))
+                signed[more], at[more] = tau[more], w
+        return signed, at
 
-    def _torque_at(
-        self, state: State, vdot: np.ndarray, share: float, of: np.ndarray
-    ) -> np.ndarray:
-        """Torques of the motors with limits, of the accelerations `of`, where vdot
-        leads in a share of the period; all (nv,)."""
-        model, context = self._model, self._workspace.plant_context
+    def _allowed_of_braking(self, state: State) -> np.ndarray:
+        """The limits; where the present braking path needs more, that."""
+        if self._allowed is None:
+            still = np.zeros_like(state.v)
+            needed, _ = self._of_braking(state, state.q, state.v, still, state.T)
+            self._allowed = np.maximum(self._of_path, np.abs(needed))
+        return self._allowed
+
+    def _after(
+        self,
+        state: State,
+        q: np.ndarray,
+        v: np.ndarray,
+        vdot: np.ndarray,
+        share: float = 1.0,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(nv,), (nv,) where vdot (nv,) leads from a state in a share of a period."""
         t = share * state.period
-        v = state.v + t * vdot
-        q = state.q + t * state.v + 0.5 * t * (t + state.plant_step) * vdot
+        return q + t * v + 0.5 * t * (t + state.plant_step) * vdot, v + t * vdot
+
+    def _torques(self, q: np.ndarray, v: np.ndarray, vdot: np.ndarray) -> np.ndarray:
+        """(M,) of the motors with limits, at a state (nv,), (nv,), of vdot (nv,)."""
+        model, context = self._model, self._workspace.plant_context
         x = np.concatenate(model.in_plant(q, v))
         model.plant.SetPositionsAndVelocities(context, x)
-        _, in_plant = model.in_plant(q, of)
-        tau = model.inverse_dynamics(self._workspace, in_plant)[self._some]
-        model.plant.SetPositionsAndVelocities(context, self._x)
-        return tau
+        _, in_plant = model.in_plant(q, vdot)
+        return model.inverse_dynamics(self._workspace, in_plant)[self._some]
 
     def _less(
         self,
@@ -208,13 +241,15 @@ class Motors:
         over: np.ndarray,
         braking: np.ndarray,
         beyond: np.ndarray,
+        at: np.ndarray,
     ) -> Rows:
         """Rows for smaller torques, and for speeds from which braking takes less.
 
         Args:
             s: (nv,) that was examined.
-            over: (M,) torques beyond the limits now [Nm or N].
-            braking, beyond: (M,) of braking a period on, signed; and beyond.
+            over: (M,) torques beyond the limits in the period [Nm or N].
+            braking, beyond, at: (M,) of braking after it, signed; beyond; and at which
+                share of the speed.
         """
         n, T = state.n, state.T
         A = self._A[:, :n]
@@ -223,7 +258,10 @@ class Motors:
         g, least = [], []
         for sign, by in (
             (-np.sign(tau) * (over > 0.0), over * T),
-            (np.sign(braking) * (beyond > 0.0), beyond * T * T / state.period),
+            (
+                np.sign(braking) * (beyond > 0.0),
+                beyond / (at + _LEAST) * T * T / state.period,
+            ),
         ):
             some = np.flatnonzero(sign)
             rows = sign[some, None] * A[some] / size[some, None]

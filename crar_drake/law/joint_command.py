@@ -96,7 +96,7 @@ def to_position(
 def to_velocity(
     q: np.ndarray, v: np.ndarray, desired: np.ndarray, T: float, period: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q', q_dot' and s (n,) each, of a desired velocity (n,), from a state (n,), (n,)."""
+    """q', q_dot', s (n,) each, of a desired velocity (n,), from a state (n,), (n,)."""
     return q + period * desired, desired, v + (T / period) * (desired - v)
 
 

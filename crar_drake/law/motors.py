@@ -8,8 +8,8 @@ k periods on, are
 and so they are of the next braking path, for larger k. A state is safe if on this curve
 the torques of q_ddot = -w q_dot / T are within the limits, down to w = 0: what holds
 the robot where it comes to rest. A step is safe if its torques are within the limits
-now, and in the middle and at the end of the period, and it leads to a safe state. A motor that the present
-braking path takes beyond its limit already is taken no farther.
+now, in the middle and at the end of the period, and it leads to a safe state. A motor
+that the present braking path takes beyond its limit already is taken no farther.
 
 What is asked between places of the curve, and within a period, is observed (see
 `docs/measurements/filter-step.md`), not proved. Braking more slowly takes less:
@@ -34,13 +34,12 @@ from crar_drake.robot.model import ControlModel
 # Coriolis forces and gravity change in between.
 RESERVE = 0.8
 # What is asked for ends so much below a limit [1].
-_INSIDE = 5e-3
-# Torques are within this share of a limit at the ends and the middle of a period [1]: the
-# rest is for what is between.
-_HELD = 0.9975
-# Torques of braking are within this share of a limit where they are looked at [1]: the
-# rest is for what is between.
-_OF_PATH = 0.96
+_INSIDE = 8e-3
+# Torques that are held are within this share of a limit where they are looked at [1]:
+# the rest is for what is between.
+_HELD = 0.995
+# And those of braking [1].
+_OF_PATH = 0.95
 # Below this share of all limits no torque is expected to pass one within a period and
 # the braking after it [1].
 _CALM = 0.5

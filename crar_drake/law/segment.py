@@ -1,4 +1,4 @@
-"""How small a smooth function can be on a segment: a bound from values at few places."""
+"""How small a smooth function can be on a segment, by its values at few places."""
 
 from collections.abc import Callable
 

@@ -26,31 +26,32 @@ class HandAbove:
         self._context = model.MakeWorkspace().plant_context
         self._height, self._reach = height, reach  # no axis is farther from the point
 
-    def _at(self, q: np.ndarray) -> float:
+    def height_at(self, q: np.ndarray) -> float:
         self._plant.SetPositions(self._context, q)
         return self._link.CalcPoseInWorld(self._context).translation()[2]
 
     def _gradient(self, q: np.ndarray) -> np.ndarray:
-        world, self._at_q = self._plant.world_frame(), self._at(q)
+        self.height_at(q)
+        world, at = self._plant.world_frame(), (self._link, np.zeros(3))
         return self._plant.CalcJacobianTranslationalVelocity(
-            *(self._context, JacobianWrtVariable.kV, self._link, np.zeros(3)),
-            *(world, world),
+            self._context, JacobianWrtVariable.kV, *at, world, world
         )[2]
 
     def begin(self, state: State) -> None:
         rest = state.q + state.T * state.v
-        self._kept = min(self._height, self._at(state.q), self._at(rest))
+        self._kept = min(self._height, self.height_at(state.q), self.height_at(rest))
         state.recovering |= self._kept < self._height
 
     def rows(self, state: State) -> Rows:
-        g = self._gradient(state.q + state.T * state.v)
-        least = min((self._height + 0.01 - self._at_q) / state.T, 0.2)
+        rest = state.q + state.T * state.v
+        g = self._gradient(rest)
+        least = min((self._height + 0.01 - self.height_at(rest)) / state.T, 0.2)
         return hard_rows(g[None], np.array([least]))
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
         x = state.segment(s)  # to where it would come to rest
         curvature = self._reach * np.abs(x).sum() ** 2
-        way = lambda w: self._at(state.q + w * x)  # noqa: E731
+        way = lambda w: self.height_at(state.q + w * x)  # noqa: E731
         left = lowest_on_segment(way, curvature, self._kept) - self._kept
         if left >= 0.0 or not correct:
             return SafetyCheck(left >= 0.0, left)
@@ -61,16 +62,19 @@ class HandAbove:
 
 def main(steps: int = 500) -> None:
     filter, rng = SafetyFilter("upper_body", period=0.01), np.random.default_rng(0)
-    hand = HandAbove(filter.model, "left_hand", 0.9, reach=1.5)
+    rest = filter.model.rest_positions()
+    hand = HandAbove(filter.model, "left_hand", height=0.0, reach=1.5)
+    table = hand.height_at(rest) - 0.05
+    hand = HandAbove(filter.model, "left_hand", table, reach=1.5)
     filter.constraints.append(hand)
     lowest, held = np.inf, 0
     for k in range(steps):
         if k % 50 == 0:
-            desired = rng.uniform(filter.model.lower, filter.model.upper)
+            desired = rest + rng.uniform(-1.0, 1.0, len(rest))
         command = filter(desired)
-        lowest = min(lowest, hand._at(command.q))
+        lowest = min(lowest, hand.height_at(command.q))
         held += command.report.why == hand.name
-    print(f"lowest {lowest:.4f} m; the table held back {held} of {steps} commands")
+    print(f"lowest {1e3 * (lowest - table):.1f} mm above; {held} of {steps} held back")
 
 
 if __name__ == "__main__":

@@ -571,6 +571,9 @@ class SafetyFilter:
         if how != NOMINAL and not why:
             # Nothing is wrong with the command but what is violated already.
             why = self.pairs.name
+            if self.pairs.present_is_clear:
+                beyond = self.limits.beyond(state.q)
+                why, joint = self.limits.name, int(np.argmax(beyond))
         clearance = found.clearances.get(self.pairs.name, self.pairs.least_kept)
         clear = self.pairs.present_is_clear
         if regions is not None:

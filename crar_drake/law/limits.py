@@ -53,6 +53,11 @@ class Limits:
         unit = np.eye(len(lower))
         self._g = np.concatenate((unit, -unit))
 
+    def beyond(self, q: np.ndarray) -> np.ndarray:
+        """(n,) how far joints at q (n,) are beyond a limit [rad or m]; less than 0
+        within."""
+        return np.maximum(self.lower - q, q - self.upper)
+
     def begin(self, state: State) -> None:
         n = state.n
         state.lowest, state.highest, beyond = limit_bounds(

@@ -43,8 +43,9 @@ _OF_PATH = 0.95
 # Below this share of all limits no torque is expected to pass one within a period and
 # the braking after it [1].
 _CALM = 0.5
-# Where the torques of braking are looked at: shares w of the speed.
-_PLACES = (1.0, 0.67, 0.33, 0.0)
+# Torques of braking are looked at where a joint has moved by this [rad or m], but in no
+# more parts of the way than these.
+_APART, _PARTS = 0.12, 8
 _LEAST = 0.1
 # A correction asks for so much more than is missing [1].
 _MORE = 1.2
@@ -194,7 +195,9 @@ class Motors:
         q, v_there, braking, whole = q.copy(), v.copy(), vdot.copy(), v[:n]
         start = q[:n].copy()
         # Each acceleration is held for a period, in which the speed falls.
-        for w in _PLACES:
+        farthest = T * np.abs(whole).max(initial=0.0)
+        parts = min(1 + int(farthest / _APART), _PARTS)
+        for w in np.linspace(1.0, 0.0, parts + 1).tolist():
             braking[:n] = (-w / T) * whole
             for there in (w, w * slower) if w else (w,):
                 q[:n] = start + (kappa * T * (1.0 - there)) * whole

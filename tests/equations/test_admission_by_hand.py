@@ -153,7 +153,9 @@ def test_a_pair_that_is_not_decided_is_not_clear_however_far(ball) -> None:
     asked, straight = np.array([True]), np.zeros(2)
     for less, clear in ((100.0, True), (1e-3, False), (-1e-3, False)):
         level = np.array([d - less])
-        bounds = path_bounds(start, x, straight, level, asked, ball.robot, ball.held, False)
+        bounds = path_bounds(
+            start, x, straight, level, asked, ball.robot, ball.held, False
+        )
         assert (bounds.at[0] < 0.0) == clear
 
 

@@ -2,7 +2,7 @@
 
 What a policy, a planner or an inverse kinematics wants of the joints goes in, what the
 robot may be told comes out: the wanted command itself wherever that is safe, to the
-last bit. `equations.joint_filter` has the step, `docs/theory/theorem.md` the proof,
+last bit. `law.step` has the step, `docs/theory/theorem.md` the proof,
 `docs/guides/safety-filter.md` the use. `SafetyFilterSystem` is the same for diagrams.
 """
 

@@ -465,17 +465,6 @@ def line_bounds(
 
 
 @compiled
-def all_far(line: Line, spheres: Spheres, r: Robot, law: Held) -> tuple[bool, float]:
-    """Whether balls alone show that a line keeps the floor from all spheres, and the
-    clearance then, as of `Found`."""
-    links = law.value.links.value
-    reach = own_reach(line, links)
-    last = last_times(line, reach, links, law.value.numbers)
-    near, clearance = near_line(line, last, reach, spheres, r, law)
-    return len(near) == 0, clearance
-
-
-@compiled
 def floors(spheres: Spheres, law: Held) -> Levels:
     """The floor for all links and spheres."""
     L = len(law.value.links.value.radius)
@@ -600,7 +589,7 @@ def sphere_rows(
 ) -> Constraints:
     """The rows (L3), (L4) of the spheres that s_0 could bring links to.
 
-    As `joint_filter.guard_rows`, of the nearest shape of each link, with a drift of -V,
+    As `law.pairs.pair_rows`, of the nearest shape of each link, with a drift of -V,
     but of no more than v_ok: what flees faster would not be admitted.
 
     Args:

@@ -14,21 +14,16 @@ are evaded, (M5).
 import numpy as np
 
 from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.kinematics import joint_motion
 from crar_drake.equations.lookahead_rows import LookaheadGains
 from crar_drake.equations.moving_obstacles import (
     Levels,
     Moving,
     Spheres,
     braking_line,
-    braking_time,
     command_line,
     evading_rows,
-    last_times,
     line_bounds,
-    link_gradient,
     own_reach,
-    place_links,
     present_levels,
     sphere_rows,
 )
@@ -36,11 +31,6 @@ from crar_drake.equations.vectors import times
 from crar_drake.law.pairs import of_controlled
 from crar_drake.law.projection import Rows, stacked
 from crar_drake.law.step import SafetyCheck, State
-
-# Where the worst of a segment is looked for, and what a correction aims at beyond what
-# is to be kept [m].
-_PLACES = 9
-_SPARE = 1e-3
 
 
 class MovingSpheres:
@@ -121,16 +111,16 @@ class MovingSpheres:
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
         if self._spheres is None:
             return SafetyCheck(True, np.inf)
-        safe, clearance, link, sphere, g, least, moved = check_spheres(
+        safe, clearance, link, sphere, moved = check_spheres(
             *(state.q, state.v, s, self._levels, correct),
             *(self._spheres, self._robot, self._world),
         )
         if safe:
             return SafetyCheck(True, clearance)
-        rows = of_controlled(g, least, s, state.n) if len(least) else None
+        # No rows: a correction would leap to where the sphere cannot come any more.
         joints = moved > 0.0 if moved.any() else None
         share = harmless_share(state.q, state.v, s, self._world)
-        return SafetyCheck(False, clearance, rows, joints, (link, sphere), share=share)
+        return SafetyCheck(False, clearance, None, joints, (link, sphere), share=share)
 
     def clear_after(self, braked: bool) -> np.ndarray:
         """(N,) bool, of which spheres the next state is safe: the present one is, or
@@ -175,69 +165,31 @@ def check_spheres(
     v: np.ndarray,
     s: np.ndarray,
     levels: Levels,
-    correct: bool,
+    all_of_them: bool,
     spheres: Spheres,
     robot: Held,
     world: Held,
-) -> tuple[bool, float, int, int, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[bool, float, int, int, np.ndarray]:
     """Whether a step, and the braking path that it leads to, keep off all spheres.
 
     Args:
         q, v, s: (nv,), (nv,), (nv,) state and step.
         levels: what links are to keep.
-        correct: whether rows are asked for, and which joints move what is too near.
+        all_of_them: whether all that are too near are looked for.
         spheres: (N,) of them.
         robot, world: hold `Robot` and `WorldLaw`.
 
     Returns:
         Whether they do; the clearance [m]; the link and the sphere that lack the most;
-        where asked for g (C, nv), least (C,) of those that lack; (nv,) 1 for the joints
-        that move these.
+        where all are looked for (nv,) 1 for the joints that move what is too near.
     """
-    r, links = robot.value, world.value.links.value
-    numbers, n = world.value.numbers, len(q)
+    links, numbers = world.value.links.value, world.value.numbers
     v_next = v + numbers.period / numbers.T * (s - v)
     line = command_line(q, v_next, world)
-    found = line_bounds(line, levels, not correct, spheres, r, world)
-    none = np.zeros((0, n)), np.zeros(0), np.zeros(n)
-    if found.clear or not correct:
-        return found.clear, found.clearance, found.link, found.sphere, *none
-    reach = own_reach(line, links)
-    last = last_times(line, reach, links, numbers)
-    L, N = found.failed.shape
-    worst, at = np.full((L, N), -np.inf), np.zeros((L, N))
-    gradient = np.zeros((L, N, n))
-    moved = np.zeros(n)
-    lasts = line.before + numbers.T
-    for place in range(_PLACES):
-        w = (place + 1.0) / _PLACES
-        points = place_links(line.start + w * line.x, r, links)
-        S = joint_motion(points[: 3 * n].reshape(1, -1, 3))[0]
-        for i in range(L):
-            for o in range(N):
-                if not found.failed[i, o]:
-                    continue
-                d, g, _ = link_gradient(i, o, points, S, spheres, links)
-                keep = levels.still[i, o]
-                if w * lasts <= last[i]:
-                    came = braking_time(w * lasts, line.before, numbers)
-                    keep = max(keep, levels.moving[i, o] + spheres.speed[o] * came)
-                if keep - d > worst[i, o]:
-                    worst[i, o], at[i, o] = keep - d, w
-                    gradient[i, o] = g
-    rows, least, count = np.zeros((L * N, n)), np.zeros(L * N), 0
-    for i in range(L):
-        if found.failed[i].any():
-            moved = np.maximum(moved, links.carried[i])
-        for o in range(N):
-            if not found.failed[i, o] or not np.isfinite(worst[i, o]):
-                continue
-            k = at[i, o] * lasts * numbers.period / numbers.T
-            rows[count] = gradient[i, o]
-            least[count] = times(gradient[i, o].reshape(1, -1), s)[0]
-            least[count] += (max(worst[i, o], 0.0) + _SPARE) / k
-            count += 1
-    return (
-        *(False, found.clearance, found.link, found.sphere),
-        *(rows[:count], least[:count], moved),
-    )
+    found = line_bounds(line, levels, not all_of_them, spheres, robot.value, world)
+    moved = np.zeros(len(q))
+    if not found.clear and all_of_them:
+        for i in range(len(found.failed)):
+            if found.failed[i].any():
+                moved = np.maximum(moved, links.carried[i])
+    return found.clear, found.clearance, found.link, found.sphere, moved

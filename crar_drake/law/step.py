@@ -215,12 +215,15 @@ def step(state: State, constraints: Sequence[Constraint]) -> Step:
         found = examine(constraints, state, s, correct=k < CORRECTIONS)
         if found.safe:
             return Step(s, how, 1.0, objections, found.clearances)
+        if how == NOMINAL:
+            first = s, found
         how, objections = CORRECTED, {**found.objections, **objections}
         more = [each.rows for each in found.objections.values() if each.rows]
         if not more:
             break
         rows += more
-    s, share, clearances = _towards_braking(state, constraints, s, found, asked)
+    # Corrections that lead nowhere contradict each other.
+    s, share, clearances = _towards_braking(state, constraints, *first, asked)
     return Step(s, SCALED, share, objections, clearances)
 
 
@@ -287,15 +290,16 @@ def _towards_braking(
                 high = middle
         share = low
         break
-    least = min(each.share for each in found.objections.values())
-    if share < least:
-        looked = examine(constraints, state, least * s)
-        if looked.safe:
-            taken, share, clearances = least * s, least, looked.clearances
     if share < LESS[0]:
         for less in LESS:
             other = _projected(state, less, asked)
             looked = examine(constraints, state, other)
             if looked.safe:
-                return other, less, looked.clearances
+                taken, share, clearances = other, less, looked.clearances
+                break
+    least = min(each.share for each in found.objections.values())
+    if share == 0.0 and least > 0.0:
+        looked = examine(constraints, state, least * s)
+        if looked.safe:
+            return least * s, least, looked.clearances
     return taken, share, clearances

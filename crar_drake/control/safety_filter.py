@@ -29,7 +29,8 @@ from crar_drake.law.joint_command import JointCommand, all_finite
 from crar_drake.law.limits import Limits
 from crar_drake.law.motors import Motors
 from crar_drake.law.pairs import Approach, Pairs
-from crar_drake.law.step import CORRECTED, NOMINAL, SCALED, State, Step, step
+from crar_drake.law.spheres import MovingSpheres
+from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED, State, Step, step
 from crar_drake.robot.balls import find_balls, robot_in_closed_form
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
@@ -37,8 +38,8 @@ from crar_drake.robot.model import ControlModel
 # What a user may give for the joints: (n,) in the order of `joint_names`, or by name.
 Joints = ArrayLike | Mapping[str, float]
 
-BRAKING = "braking"
-_HOW = {NOMINAL: "nominal", CORRECTED: "corrected", SCALED: "scaled"}
+NOMINAL, BRAKING, OBSTACLE = "nominal", "braking", MovingSpheres.name
+_HOW = {AS_NOMINAL: NOMINAL, CORRECTED: "corrected", SCALED: "scaled"}
 CATCHING_UP, NO_NUMBER, NO_SENSE = "catching up", "no number", "no sense"
 
 # How fast margins of pairs may be used up, unless it is given [1/s]; but half of one in
@@ -421,7 +422,7 @@ class SafetyFilter:
             found = step(state, self.constraints)
         else:
             found, safe_of = self.among_obstacles(state, regions)
-        if found.how != NOMINAL or found.s is not s:
+        if found.how != AS_NOMINAL or found.s is not s:
             v_next = state.v + self._period * ((found.s - state.v) / state.T)
             q_next = state.q + self._period * v_next
         report = self._report(state, found, s, calm, regions, error, worst)
@@ -436,7 +437,7 @@ class SafetyFilter:
             q_next.copy(),
             v_next.copy(),
             desired.q,
-            report.how == _HOW[NOMINAL],
+            report.how == NOMINAL,
             self.pairs.present_is_clear,
             state.T,
             regions,
@@ -466,7 +467,7 @@ class SafetyFilter:
             check = spheres.examine(state, state.nominal, False)
             if check.safe:
                 clearances = {spheres.name: check.clearance}
-                found = Step(state.nominal, NOMINAL, 1.0, {}, clearances)
+                found = Step(state.nominal, AS_NOMINAL, 1.0, {}, clearances)
                 return found, spheres.clear_after(False)
         return self.among_obstacles(state, regions)
 
@@ -544,7 +545,7 @@ class SafetyFilter:
         if self.pairs.name in objections:
             why, index = self.pairs.name, objections[self.pairs.name].index
             pair = self.pairs.names[index] if index >= 0 else None
-        if how != NOMINAL:
+        if how != AS_NOMINAL:
             # The nominal is within the bounds, the command may not have been.
             check = self.limits.examine(state, s, False)
             if not check.safe:
@@ -561,14 +562,14 @@ class SafetyFilter:
         if regions is not None:
             obstacle = self.among.ran_into(regions, found)
             if obstacle is not None and not why:
-                why = self.among.constraint.name
-            left = found.clearances.get(self.among.constraint.name, np.nan)
+                why = OBSTACLE
+            left = found.clearances.get(OBSTACLE, np.nan)
             of_regions = {
                 "obstacle": obstacle,
                 "obstacle_clearance": left if self._examines_all else np.nan,
                 "too_fast": regions.too_fast,
             }
-        if how != NOMINAL and not why:
+        if how != AS_NOMINAL and not why:
             # Nothing is wrong with the command but what is violated already.
             why = self.pairs.name
             if self.pairs.present_is_clear:

@@ -16,7 +16,7 @@ import numpy as np
 from crar_drake.law.projection import Rows, clipped, project, stacked
 
 # How a step was found.
-NOMINAL, CORRECTED, SCALED = 0.0, 1.0, 2.0
+AS_NOMINAL, CORRECTED, SCALED = 0.0, 1.0, 2.0
 
 # A step is corrected so often before it is scaled: each costs a projection and a check.
 CORRECTIONS = 4
@@ -147,7 +147,7 @@ class Step(NamedTuple):
 
     Attributes:
         s: (nv,) q_dot + T q_ddot [rad/s or m/s].
-        how: NOMINAL, CORRECTED or SCALED.
+        how: AS_NOMINAL, CORRECTED or SCALED.
         share: of the corrected s; 0 is braking [1].
         objections: what each constraint that objected found first, by its name, in the
             order in which they did.
@@ -200,7 +200,7 @@ def step(state: State, constraints: Sequence[Constraint]) -> Step:
     if desired is not None and (asked is None or _keeps(asked, desired[: state.n])):
         found = examine(constraints, state, desired)
         if found.safe:
-            return Step(desired, NOMINAL, 1.0, objections, found.clearances)
+            return Step(desired, AS_NOMINAL, 1.0, objections, found.clearances)
         objections.update(found.objections)
     if asked is None:
         s = state.whole(clipped(state.nominal, state.lowest, state.highest))
@@ -209,13 +209,13 @@ def step(state: State, constraints: Sequence[Constraint]) -> Step:
             return Step(s, CORRECTED, 1.0, objections, found.clearances)
         objections = {**found.objections, **objections}
         asked = _rows(state, constraints)
-    rows, how = list(asked), NOMINAL
+    rows, how = list(asked), AS_NOMINAL
     for k in range(CORRECTIONS + 1):
         s = _projected(state, 1.0, rows)
         found = examine(constraints, state, s, correct=k < CORRECTIONS)
         if found.safe:
             return Step(s, how, 1.0, objections, found.clearances)
-        if how == NOMINAL:
+        if how == AS_NOMINAL:
             first = s, found
         how, objections = CORRECTED, {**found.objections, **objections}
         more = [each.rows for each in found.objections.values() if each.rows]

@@ -37,7 +37,7 @@ from benchmarks.adversary.robots import ASKED_FOR, ROBOTS, load_subject
 from benchmarks.adversary.run import play_and_judge, run_case
 from benchmarks.options import seed_number
 from benchmarks.page import Benchmark, run
-from crar_drake.commands.options import count
+from crar_drake.commands.options import count, positive
 from crar_drake.control.modes import MODES
 from crar_drake.errors import CrarError, nearest
 from crar_drake.files import check_folder, sole_writer, write_whole
@@ -196,6 +196,13 @@ def parse(
         help=f"control steps a case, at least; {EXACT_STEPS} by default, "
         f"{TORQUE_STEPS} with torque, {QUICK_STEPS} if --quick",
     )
+    parser.add_argument(
+        "--motors",
+        type=positive,
+        default=0.0,
+        metavar="SHARE",
+        help="of the motors' limits that a filter may use; by default no limits",
+    )
     parser.add_argument("--seed", type=seed_number, default=0)
     parser.add_argument("--processes", type=count, default=os.cpu_count())
     parser.add_argument("--quick", action="store_true", help="few steps a case")
@@ -233,6 +240,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             [plant],
             constraints=options.constraints,
             preview=not options.no_preview,
+            motors=options.motors,
             steps=options.steps or (QUICK_STEPS if options.quick else default),
             seed=options.seed,
         )

@@ -34,6 +34,7 @@ class Case:
         steps: control steps, at least.
         seed: of all dice.
         preview: whether the law plans ahead where it does so by default.
+        motors: the share of the motors' limits that a filter may use; 0 for no limits.
     """
 
     robot: str
@@ -44,6 +45,7 @@ class Case:
     steps: int = 5000
     seed: int = 0
     preview: bool = True
+    motors: float = 0.0
 
 
 @dataclass
@@ -61,6 +63,7 @@ class Result:
         clearance, pair, path_clearance, path_pair, excess, joint, overspeed: worst.
         admitted: steps admitted as wished, corrected, scaled; all 0 if the law does
             not tell.
+        overloaded: steps in which a torque is beyond a motor's limit.
         unheld: steps after which the law itself does not vouch for the invariant.
         by_law, by_plant: of a "torque" case, violated episodes that the exact plant
             violates too, and others; slip: the largest |acceleration - commanded| of
@@ -93,6 +96,7 @@ class Result:
     joint: str = ""
     overspeed: float = 0.0
     admitted: list[int] = field(default_factory=lambda: [0, 0, 0])
+    overloaded: int = 0
     unheld: int = 0
     by_law: int = 0
     by_plant: int = 0
@@ -104,13 +108,14 @@ class Result:
     @property
     def unsafe(self) -> bool:
         """Whether anything was violated, speed limits included."""
-        return bool(self.violated or self.too_fast or self.diverged)
+        bad = self.violated or self.too_fast or self.diverged or self.overloaded
+        return bool(bad)
 
 
 def law_digest() -> str:
     """Twelve digits that change with the source of the controller or of the attacks."""
     package, here = Path(crar_drake.__file__).parent, Path(__file__).parent
-    folders = [package / part for part in ("control", "equations", "robot")]
+    folders = [package / part for part in ("control", "equations", "law", "robot")]
     digest = hashlib.sha256()
     for folder in [*folders, here]:
         for path in sorted(folder.rglob("*.py")):

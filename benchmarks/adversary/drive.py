@@ -28,6 +28,7 @@ class Drive:
         diverged: whether the episode ended before its time.
         admitted: steps as wished, corrected, scaled.
         unheld: steps after which the law does not vouch for the invariant.
+        overloaded: steps in which a torque is beyond a motor's limit.
         slip: largest |acceleration - commanded| over a step of the plant [rad/s^2];
             0 with the exact model.
         per_step: states a control step.
@@ -38,6 +39,7 @@ class Drive:
     diverged: bool = False
     admitted: list[int] = field(default_factory=lambda: [0, 0, 0])
     unheld: int = 0
+    overloaded: int = 0
     slip: float = 0.0
     per_step: int = 1
 

@@ -12,6 +12,7 @@ from benchmarks.adversary import starts
 from benchmarks.adversary.drive import Drive
 from benchmarks.adversary.judge import Judge
 from crar_drake.control.safety_filter import NOMINAL, FilterCommand, SafetyFilter
+from crar_drake.robot.model import ControlModel
 
 # What is given to the filter: its keywords.
 Wish = dict[str, np.ndarray]
@@ -254,6 +255,8 @@ def drive_filter(
             command = filter(**wish)
             report = command.report
             states[:, k + 1] = command.q, command.v
+            if filter.motors is not None:
+                done.overloaded += overloads(model, *states[:, k : k + 2], command.a)
             if report.how == NOMINAL:
                 name = "q" if "q" in wish else "v" if "v" in wish else ""
                 if name and not np.array_equal(getattr(command, name), wish[name]):
@@ -261,6 +264,22 @@ def drive_filter(
             done.admitted[_kind(command)] += 1
             done.unheld += not report.clear
     return done
+
+
+def overloads(model: ControlModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> bool:
+    """Whether a torque is beyond a motor's limit, where a period begins or ends.
+
+    Args:
+        q, v: (2, n), (2, n) states at its beginning and end, and
+        a: (n,) the acceleration between [rad/s^2 or m/s^2].
+    """
+    workspace, most = model.MakeWorkspace(), 0.0
+    for state in zip(q, v, strict=True):
+        x = np.concatenate(state)
+        model.plant.SetPositionsAndVelocities(workspace.plant_context, x)
+        torque = model.inverse_dynamics(workspace, a)
+        most = max(most, np.abs(torque / model.actuator_limits).max())
+    return not most <= 1.0 + 1e-6
 
 
 def _kind(command: FilterCommand) -> int:

@@ -136,5 +136,6 @@ def verdict_line(results: Sequence[Result]) -> str:
     return (
         f"{what}: {len(bad)} of {len(exact)} cases violate a constraint in "
         f"{steps:,} control steps: {violated} episodes with a contact or beyond a "
-        f"limit, {diverged} diverged, {fast:,} states beyond a speed limit"
+        f"limit, {diverged} diverged, {fast:,} states beyond a speed limit, "
+        f"{sum(r.overloaded for r in bad):,} steps beyond a motor's limit"
     )

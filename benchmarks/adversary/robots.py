@@ -1,6 +1,6 @@
 """The robots that are attacked, each with the tasks that it is attacked through."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -49,14 +49,17 @@ class Subject:
         description: of it.
         judge: of its states, on a plant of its own.
         models: by the name of a task set; filled when first asked for.
-        filters: by the period, with judges of all joints; likewise.
+        filters: by the period and the share of the motors' limits, with judges of all
+            joints; likewise.
     """
 
     name: str
     description: RobotDescription
     judge: Judge
     models: dict[str, ControlModel] = field(default_factory=dict)
-    filters: dict[float, tuple[SafetyFilter, Judge]] = field(default_factory=dict)
+    filters: dict[tuple[float, float], tuple[SafetyFilter, Judge]] = field(
+        default_factory=dict
+    )
 
     def task_set(self, episode: int) -> str:
         """The task sets take turns; a robot that was drawn has one."""
@@ -71,13 +74,23 @@ class Subject:
             )
         return self.models[task_set]
 
-    def filter(self, period: float) -> tuple[SafetyFilter, Judge]:
-        """The filter of the robot's joints, and a judge that counts all of them."""
-        if period not in self.filters:
+    def filter(self, period: float, motors: float) -> tuple[SafetyFilter, Judge]:
+        """The filter of the robot's joints, and a judge that counts all of them.
+
+        Args:
+            period: of the filter [s].
+            motors: the share of the motors' limits that it may use; 0 for no limits.
+        """
+        if (period, motors) not in self.filters:
             model = self.model(self.task_set(0))
             judged = model.plant, model.scene_graph, self.description.pairs
-            self.filters[period] = SafetyFilter(model, period), Judge(*judged)
-        return self.filters[period]
+            description = replace(self.description, prescribed_joints={})
+            model = ControlModel(model.diagram, *judged[:2], description, [])
+            if motors:
+                model.actuator_limits = motors * model.actuator_limits
+            filter = SafetyFilter(model, period, effort_limits=motors > 0.0)
+            self.filters[period, motors] = filter, Judge(*judged)
+        return self.filters[period, motors]
 
 
 _SUBJECTS: dict[str, Subject] = {}

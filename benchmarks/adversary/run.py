@@ -84,7 +84,7 @@ def play_and_judge(
     if case.plant != "filter":
         episode, done = play(case, subject, task_set, lineage, num_steps)
         return done, judge_episode(subject, episode, done, lineage)
-    filter, judge = subject.filter(case.period)
+    filter, judge = subject.filter(case.period, case.motors)
     done = drive_filter(filter, judge, case.attack, num_steps, lineage[0])
     law = filter.parameters
     floor = law.lookahead.floor
@@ -185,6 +185,7 @@ def _add(result: Result, verdict: Verdict, done: Drive) -> None:
         a + b for a, b in zip(result.admitted, done.admitted, strict=True)
     ]
     result.unheld += done.unheld
+    result.overloaded += done.overloaded
 
 
 def _explain(case, subject, task_set, lineage, num_steps, done, result) -> None:

@@ -589,7 +589,7 @@ class SafetyFilter:
             clear,
             error,
             worst,
-            motor_use=np.nan if self.motors is None else self.motors.largest_use,
+            motor_use=1.0 - found.clearances.get(Motors.name, np.nan),
             **of_regions,
         )
 

@@ -1,4 +1,4 @@
-"""Motors: torques are within their limits now, at the period's end, and of braking.
+"""Motors: torques are within their limits, in the period and in braking after it.
 
 Lemma: braking keeps the torques of braking. By (A1) with s = 0 the states of braking,
 k periods on, are
@@ -46,6 +46,7 @@ _CALM = 0.5
 # Torques of braking are looked at where a joint has moved by this [rad or m], but in no
 # more parts of the way than these.
 _APART, _PARTS = 0.12, 8
+# A correction takes the share of the speed for no less than this [1].
 _LEAST = 0.1
 # A correction asks for so much more than is missing [1].
 _MORE = 1.2
@@ -56,7 +57,6 @@ class Motors:
 
     Attributes:
         limits: (nu,) [Nm or N], infinite where there is none.
-        largest_use: of any motor by what was examined last, now or braking [1].
     """
 
     name = "motor"
@@ -67,8 +67,7 @@ class Motors:
             model: whose dynamics.
             limits: (nu,) as of the attribute.
         """
-        self.limits, self.largest_use = limits, 0.0
-        self._model = model
+        self.limits, self._model = limits, model
         self._some = np.flatnonzero(np.isfinite(limits))
         self._L = limits[self._some]
         self._aimed, self._held = (1.0 - _INSIDE) * self._L, _HELD * self._L
@@ -137,7 +136,6 @@ class Motors:
 
     def begin(self, state: State) -> None:
         self.measure(state.q, state.v)
-        self.largest_use = 0.0
         self._allowed: np.ndarray | None = None
 
     def rows(self, state: State) -> Rows:
@@ -161,7 +159,6 @@ class Motors:
             braking = np.concatenate((-v[: state.n] / state.T, vdot[state.n :]))
             use = max(use, (np.abs(self._A @ braking + self._b) / L).max())
         if use <= _CALM:
-            self.largest_use = use
             return SafetyCheck(True, 1.0 - use)
         for at, rate in (self._after(state, state.q, state.v, vdot, 0.5), (q, v)):
             tau = np.maximum(tau, np.abs(self._torques(at, rate, vdot)))
@@ -173,12 +170,12 @@ class Motors:
         beyond = then - self._of_path
         if not (beyond <= 0.0).all():
             beyond = then - self._allowed_of_braking(state)
-        self.largest_use = max((tau / L).max(), (then / L).max())
+        left = 1.0 - max((tau / L).max(), (then / L).max())
         if (over <= 0.0).all() and (beyond <= 0.0).all():  # false of a NaN
-            return SafetyCheck(True, 1.0 - self.largest_use)
+            return SafetyCheck(True, left)
         worst = int(np.argmax(np.maximum(over, beyond) / L))
         rows = self._less(state, s, over, signed, beyond, at) if correct else None
-        return SafetyCheck(False, 1.0 - self.largest_use, rows, index=worst)
+        return SafetyCheck(False, left, rows, index=worst)
 
     def _of_braking(
         self, state: State, q: np.ndarray, v: np.ndarray, vdot: np.ndarray, T: float
@@ -199,7 +196,7 @@ class Motors:
         parts = min(1 + int(farthest / _APART), _PARTS)
         for w in np.linspace(1.0, 0.0, parts + 1).tolist():
             braking[:n] = (-w / T) * whole
-            for there in (w, w * slower) if w else (w,):
+            for there in (w, w * slower):
                 q[:n] = start + (kappa * T * (1.0 - there)) * whole
                 v_there[:n] = there * whole
                 tau = self._torques(q, v_there, braking)

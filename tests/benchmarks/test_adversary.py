@@ -390,7 +390,7 @@ def test_no_policy_makes_the_filter_violate_anything(policy):
 def test_a_filter_that_lets_everything_through_is_caught(monkeypatch):
     """The judge counts all joints, and what policies want is no good by itself."""
     subject = load_subject("upper_body")
-    filter, judge = subject.filter(0.01)
+    filter, judge = subject.filter(0.01, 0.0)
     assert len(judge.controlled) == len(filter.joint_names)
     solve = filter.solve
 

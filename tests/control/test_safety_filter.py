@@ -510,6 +510,8 @@ def test_efforts_stay_within_the_motors_by_drakes_own_dynamics():
         command = wide(wanted)
         share = np.abs(torque(q, v, command.a)) / limits
         largest = max(largest, share.max())
+        use = command.report.motor_use  # of a command that does not just brake
+        assert np.isnan(use) or share.max() - 1e-9 <= use <= 1.0
         why.add((command.report.why, command.report.joint is not None))
         q, v = command.q, command.v
     assert ("motor", True) in why and 0.8 < largest <= 1.0 + 1e-3

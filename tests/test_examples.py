@@ -83,6 +83,13 @@ def test_see_your_diagram(run_example, tmp_path: Path) -> None:
     assert page.stat().st_size > 100_000
 
 
+@pytest.mark.slow
+def test_a_constraint_of_ones_own(run_example) -> None:
+    said = run_example("own_constraint.py", "400")
+    assert 0.0 <= millimetres(said) < 50.0
+    assert int(re.search(r"(\d+) of 400 held back", said)[1]) > 0
+
+
 def test_every_example_has_a_test() -> None:
     tested = re.findall(r'(?:run_example\(|EXAMPLES /) ?"(\w+\.py)"', THIS.read_text())
     # tests/commands/test_serve.py

@@ -210,7 +210,11 @@ def parse(
     parser.add_argument("--replay", type=Path, metavar="FILE")
     options = benchmark.parse(
         argv,
-        lambda given: "+".join(given.plants) + " no preview" * given.no_preview,
+        lambda given: (
+            "+".join(given.plants)
+            + " no preview" * given.no_preview
+            + " motors" * bool(given.motors)
+        ),
     )
     known = [attack for plant in options.plants for attack in attacks_on(plant)]
     for name in options.attacks or ():

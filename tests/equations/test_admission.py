@@ -474,7 +474,7 @@ def test_gradients_are_those_of_the_distances_where_they_fail(
     bounds = path_bounds(
         start, x, 0.0 * x, level, asked, shapes.robot, shapes.held, False
     )
-    failed, g = gradients_at(start, x, bounds, shapes.robot, shapes.held, False)
+    failed, g = gradients_at(start, x, bounds, shapes.robot, shapes.held)
     np.testing.assert_array_equal(failed, np.flatnonzero(bounds.at >= 0.0))
     for pair, gradient in zip(failed, g, strict=True):
         at = start + bounds.at[pair] * x

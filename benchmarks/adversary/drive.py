@@ -32,6 +32,7 @@ class Drive:
         slip: largest |acceleration - commanded| over a step of the plant [rad/s^2];
             0 with the exact model.
         per_step: states a control step.
+        T: (K + 1,) the braking time constant of each state, of a filter [s].
     """
 
     q: np.ndarray
@@ -42,6 +43,7 @@ class Drive:
     overloaded: int = 0
     slip: float = 0.0
     per_step: int = 1
+    T: np.ndarray | None = None
 
     @property
     def steps(self) -> int:

@@ -248,14 +248,16 @@ def drive_filter(
     filter.reset(q, v)
     states = np.empty((2, num_steps + 1, model.n))
     states[:, 0] = q, v
-    done = Drive(states[0], states[1])
+    done, T, within = Drive(states[0], states[1]), [], False
     with np.errstate(all="ignore"):
         for k in range(num_steps):
             wish = wants(k, states[0, k], states[1, k])
             command = filter(**wish)
             report = command.report
             states[:, k + 1] = command.q, command.v
-            if filter.motors is not None:
+            T.append(report.T)
+            # A start may ask for more than motors can.
+            if filter.motors is not None and within:
                 done.overloaded += overloads(model, *states[:, k : k + 2], command.a)
             if report.how == NOMINAL:
                 name = "q" if "q" in wish else "v" if "v" in wish else ""
@@ -263,19 +265,16 @@ def drive_filter(
                     raise AssertionError(f"{name} is said to be the wanted one")
             done.admitted[_kind(command)] += 1
             done.unheld += not report.clear
+            within |= report.motor_use <= 1.0
+    done.T = np.array([T[0], *T])
     return done
 
 
 def overloads(model: ControlModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> bool:
-    """Whether a torque is beyond a motor's limit, where a period begins or ends.
-
-    Args:
-        q, v: (2, n), (2, n) states at its beginning and end, and
-        a: (n,) the acceleration between [rad/s^2 or m/s^2].
-    """
+    """Whether a torque is beyond a motor's limit where a period of a (n,) begins or
+    ends: q, v are (2, n), (2, n)."""
     workspace, most = model.MakeWorkspace(), 0.0
-    for state in zip(q, v, strict=True):
-        x = np.concatenate(state)
+    for x in np.concatenate((q, v), axis=1):
         model.plant.SetPositionsAndVelocities(workspace.plant_context, x)
         torque = model.inverse_dynamics(workspace, a)
         most = max(most, np.abs(torque / model.actuator_limits).max())

@@ -86,10 +86,9 @@ def play_and_judge(
         return done, judge_episode(subject, episode, done, lineage)
     filter, judge = subject.filter(case.period, case.motors)
     done = drive_filter(filter, judge, case.attack, num_steps, lineage[0])
-    law = filter.parameters
-    floor = law.lookahead.floor
+    floor = filter.parameters.lookahead.floor
     rng = np.random.default_rng([lineage[0], 2])
-    verdict = judge.judge(done.q, done.v, law.braking_horizon, rng, floor=floor)
+    verdict = judge.judge(done.q, done.v, done.T, rng, floor=floor)
     return done, verdict
 
 

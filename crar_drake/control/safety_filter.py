@@ -93,6 +93,7 @@ class FilterReport:
         clear: whether the path that the step started with is known to be clear.
         motor_use: the largest share of a motor's limit that the command takes, now or
             braking after it [1]; NaN without effort limits, and while it brakes.
+        T: braking time constant over which the next state is safe [s].
         tracking_error: the farthest that a measured joint is from the command before
             [rad or m], NaN where nothing is measured; and
         tracking_joint: of which joint, or None.
@@ -119,6 +120,7 @@ class FilterReport:
     obstacle_clearance: float = np.nan
     too_fast: tuple[str, ...] = ()
     motor_use: float = np.nan
+    T: float = np.nan
 
     @property
     def braking(self) -> bool:
@@ -589,6 +591,7 @@ class SafetyFilter:
             clear,
             error,
             worst,
+            T=state.T,
             motor_use=1.0 - found.clearances.get(Motors.name, np.nan),
             **of_regions,
         )
@@ -708,6 +711,7 @@ class SafetyFilter:
         report = FilterReport(
             *(BRAKING, 0.0, why, None, None, np.nan, clear, error, worst),
             too_fast=too_fast,
+            T=T,
         )
         command = FilterCommand(self.joint_names, q, v, vdot, report)
         q, v = q.copy(), v.copy()

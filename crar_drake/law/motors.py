@@ -12,7 +12,7 @@ now, in the middle and at the end of the period, and it leads to a safe state. A
 that the present braking path takes beyond its limit already is taken no farther.
 
 What is asked between places of the curve, and within a period, is observed (see
-`docs/measurements/filter-step.md`), not proved. Braking more slowly takes less:
+`docs/measurements/adversary.md`), not proved. Braking more slowly takes less:
 `braking_time_constant` chooses T once a step.
 
 Rows, linear in s: each motor's torque is within its limit, and so that braking a period

@@ -74,7 +74,7 @@ class Subject:
             )
         return self.models[task_set]
 
-    def filter(self, period: float, motors: float) -> tuple[SafetyFilter, Judge]:
+    def filter(self, period: float, motors: float = 0.0) -> tuple[SafetyFilter, Judge]:
         """The filter of the robot's joints, and a judge that counts all of them.
 
         Args:

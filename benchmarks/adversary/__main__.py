@@ -196,13 +196,8 @@ def parse(
         help=f"control steps a case, at least; {EXACT_STEPS} by default, "
         f"{TORQUE_STEPS} with torque, {QUICK_STEPS} if --quick",
     )
-    parser.add_argument(
-        "--motors",
-        type=positive,
-        default=0.0,
-        metavar="SHARE",
-        help="of the motors' limits that a filter may use; by default no limits",
-    )
+    text = "share of the motors' limits that a filter may use; by default no limits"
+    parser.add_argument("--motors", type=positive, default=0.0, help=text)
     parser.add_argument("--seed", type=seed_number, default=0)
     parser.add_argument("--processes", type=count, default=os.cpu_count())
     parser.add_argument("--quick", action="store_true", help="few steps a case")

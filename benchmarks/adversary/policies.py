@@ -12,7 +12,7 @@ from benchmarks.adversary import starts
 from benchmarks.adversary.drive import Drive
 from benchmarks.adversary.judge import Judge
 from crar_drake.control.safety_filter import NOMINAL, FilterCommand, SafetyFilter
-from crar_drake.robot.model import ControlModel
+from crar_drake.robot.model import ControlModel, Workspace
 
 # What is given to the filter: its keywords.
 Wish = dict[str, np.ndarray]
@@ -235,6 +235,7 @@ def drive_filter(
     """
     rng = np.random.default_rng(seed)
     model, ahead = filter.model, filter.parameters.lookahead
+    workspace = model.MakeWorkspace()
     kind = STARTS[rng.integers(len(STARTS))]
     of = (model, judge, rng)
     if kind == "fast":
@@ -258,7 +259,8 @@ def drive_filter(
             T.append(report.T)
             # A start may ask for more than motors can.
             if filter.motors is not None and within:
-                done.overloaded += overloads(model, *states[:, k : k + 2], command.a)
+                of = states[:, k : k + 2], command.a
+                done.overloaded += _overloads(model, workspace, *of)
             if report.how == NOMINAL:
                 name = "q" if "q" in wish else "v" if "v" in wish else ""
                 if name and not np.array_equal(getattr(command, name), wish[name]):
@@ -270,11 +272,12 @@ def drive_filter(
     return done
 
 
-def overloads(model: ControlModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> bool:
-    """Whether a torque is beyond a motor's limit where a period of a (n,) begins or
-    ends: q, v are (2, n), (2, n)."""
-    workspace, most = model.MakeWorkspace(), 0.0
-    for x in np.concatenate((q, v), axis=1):
+def _overloads(
+    model: ControlModel, workspace: Workspace, states: np.ndarray, a: np.ndarray
+) -> bool:
+    """Whether a torque of a (n,) is beyond a motor's limit at two states (2, 2, n)."""
+    most = 0.0
+    for x in np.concatenate(states, axis=1):
         model.plant.SetPositionsAndVelocities(workspace.plant_context, x)
         torque = model.inverse_dynamics(workspace, a)
         most = max(most, np.abs(torque / model.actuator_limits).max())

@@ -28,7 +28,7 @@ from crar_drake.errors import ModelError, ScenarioError, nearest
 from crar_drake.law.joint_command import JointCommand, all_finite
 from crar_drake.law.limits import Limits
 from crar_drake.law.motors import Motors
-from crar_drake.law.pairs import Approach, Pairs
+from crar_drake.law.pairs import Pairs
 from crar_drake.law.spheres import MovingSpheres
 from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED, State, Step, step
 from crar_drake.robot.balls import find_balls, robot_in_closed_form
@@ -279,13 +279,7 @@ class SafetyFilter:
             find_balls(model, mode.losses),
             [model.pairs.names[i] for i in model.pairs.pair_of_shapes[rows]],
             mode.admission.floor,
-            Approach(
-                margin=numbers.distance_margin,
-                rate=numbers.approach_rate,
-                retreat_rate=numbers.retreat_rate,
-                retreat_speed=numbers.retreat_speed,
-                influence=numbers.influence_distance,
-            ),
+            numbers,
         )
         fastest = gains.speed_limits(model)[model.controlled]
         self.limits = Limits(
@@ -521,7 +515,6 @@ class SafetyFilter:
         T = T or self._T
         if self.motors is None:
             return T
-        self.motors.measure(state.q, state.v)
         state.T = T
         choices = sorted({min(T, self._T), T, *(x for x in self._choices if x > T)})
         chosen = self.motors.braking_time_constant(

@@ -43,9 +43,8 @@ class JointCommand(NamedTuple):
         a period [s] ago; numbers that overflow are infinite or NaN."""
         if self.q is not None:
             return self.q, *to_position(q, v, self.q, T, period)
-        if self.v is not None:
-            return to_velocity(q, v, self.v, T, period)
-        return to_velocity(q, v, accelerated(v, self.a, period), T, period)
+        after = v + period * self.a if self.v is None else self.v
+        return to_velocity(q, v, after, T, period)
 
     def nominal(
         self,
@@ -70,7 +69,8 @@ class JointCommand(NamedTuple):
             return within(self.v, speed)
         rate = self.v
         if rate is None:
-            rate = 0.0 * q if before is None else (self.q - before) / period
+            last = self.q if before is None else before
+            rate, _ = to_position(last, v, self.q, T, period)
         return catching_up(q, v, self.q, rate, T, period, speed)
 
 
@@ -98,12 +98,6 @@ def to_velocity(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q', q_dot', s (n,) each, of a desired velocity (n,), from a state (n,), (n,)."""
     return q + period * desired, desired, v + (T / period) * (desired - v)
-
-
-@compiled
-def accelerated(v: np.ndarray, a: np.ndarray, period: float) -> np.ndarray:
-    """(n,) the velocity after a period of an acceleration (n,)."""
-    return v + period * a
 
 
 @compiled

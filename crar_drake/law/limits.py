@@ -49,6 +49,7 @@ class Limits:
             retreat_speed: [rad/s or m/s].
         """
         self.lower, self.upper, self.fastest = lower, upper, fastest
+        self._beyond = lower - _AT_LIMIT, upper + _AT_LIMIT
         self._retreat = retreat_rate, retreat_speed
         unit = np.eye(len(lower))
         self._g = np.concatenate((unit, -unit))
@@ -60,11 +61,11 @@ class Limits:
 
     def begin(self, state: State) -> None:
         n = state.n
-        state.lowest, state.highest, beyond = limit_bounds(
+        state.lowest, state.highest = velocity_bounds(
             *(state.q[:n], state.v[:n], self.lower, self.upper, self.fastest),
             *(state.T, state.period, state.plant_step),
         )
-        state.recovering |= beyond
+        state.recovering |= not is_within(state.q, *self._beyond)
 
     def rows(self, state: State) -> Rows:
         n = state.n
@@ -84,25 +85,6 @@ class Limits:
         )
         reason = "joint speed" if of_speed else self.name
         return SafetyCheck(False, np.nan, index=joint, reason=reason)
-
-
-@compiled
-def limit_bounds(
-    q: np.ndarray,
-    v: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    fastest: np.ndarray,
-    T: float,
-    period: float,
-    plant_step: float,
-) -> tuple[np.ndarray, np.ndarray, bool]:
-    """(n,), (n,) `velocity_bounds`, (A2); and whether a joint is beyond a limit."""
-    low, high = velocity_bounds(q, v, lower, upper, fastest, T, period, plant_step)
-    beyond = False
-    for i in range(len(q)):
-        beyond |= max(lower[i] - q[i], q[i] - upper[i]) > _AT_LIMIT
-    return low, high, beyond
 
 
 @compiled
@@ -133,8 +115,8 @@ def limit_rows(
 
 @compiled
 def is_within(s: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> bool:
-    """Whether the first n entries of s (nv,) are within bounds (n,), but for rounding;
-    a number that is none (NaN) is not."""
+    """Whether the first n entries of s (nv,), or of positions, are within bounds (n,),
+    but for rounding; a number that is none (NaN) is not."""
     for i in range(len(lowest)):
         off = _ROUNDING * (1.0 + abs(s[i]))
         if not (lowest[i] - off <= s[i] <= highest[i] + off):
@@ -154,7 +136,7 @@ def farthest_beyond(
     period: float,
 ) -> tuple[int, bool]:
     """The joint that a step s (nv,) takes farthest beyond, measured by what it moves in
-    T, and whether that is beyond its speed; of n joints, as of `limit_bounds`."""
+    T, and whether that is beyond its speed; of n joints, as of `velocity_bounds`."""
     joint, of_speed, most = 0, False, -np.inf
     for i in range(len(q)):
         end, after = q[i] + T * v[i], v[i] + period / T * (s[i] - v[i])

@@ -26,7 +26,7 @@ import numpy as np
 
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.vectors import times
-from crar_drake.law.projection import HARD, Rows, hard_rows
+from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
 from crar_drake.robot.model import ControlModel
 
@@ -73,6 +73,7 @@ class Motors:
         self._aimed, self._held = (1.0 - _INSIDE) * self._L, _HELD * self._L
         self._of_path = _OF_PATH * self._L
         self._workspace = model.MakeWorkspace()
+        self._state: State | None = None
 
     def joint_of(self, index: int) -> int:
         """The velocity of the joint that a motor with a limit moves, by the index of a
@@ -85,9 +86,11 @@ class Motors:
                 return actuator.joint().velocity_start() + entry - start
         raise AssertionError(f"no actuator has input {entry}")
 
-    def measure(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Takes inertia and bias of a state (nv,), (nv,), controlled joints first."""
-        model = self._model
+    def _measure(self, state: State) -> None:
+        """Takes inertia and bias, once a step."""
+        if state is self._state:
+            return
+        self._state, q, v, model = state, state.q, state.v, self._model
         context = self._workspace.plant_context
         x = np.concatenate(model.in_plant(q, v))
         model.plant.SetPositionsAndVelocities(context, x)
@@ -113,6 +116,7 @@ class Motors:
             is_clear: whether the braking path over a longer T violates nothing; one
                 over a shorter is a part of the present one.
         """
+        self._measure(state)
         found = enough(
             *(self._A, self._b, self._aimed, state.v, vdot, state.n),
             *(np.array(choices), state.period),
@@ -135,7 +139,7 @@ class Motors:
         return bool((np.abs(braking) <= self._of_path).all())
 
     def begin(self, state: State) -> None:
-        self.measure(state.q, state.v)
+        self._measure(state)
         self._allowed: np.ndarray | None = None
 
     def rows(self, state: State) -> Rows:
@@ -144,7 +148,8 @@ class Motors:
             *(state.T, state.period),
         )
         # What rows lack is to be less than what is asked for ends below the limits.
-        return Rows(g, least, np.full(len(least), 100.0 * HARD))
+        rows = hard_rows(g, least)
+        return rows._replace(weight=100.0 * rows.weight)
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
         with np.errstate(over="ignore", invalid="ignore"):  # beyond all sense

@@ -20,12 +20,12 @@ retreat inside.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from crar_drake.equations.admission import (
     ROUNDING,
+    AdmissionGains,
     gradients_at,
     next_path,
     path_bounds,
@@ -34,6 +34,13 @@ from crar_drake.equations.capsule_distances import nearest_of_pairs, nearest_poi
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.kinematics import joint_motion
+from crar_drake.equations.lookahead_guard import SPARE
+from crar_drake.equations.lookahead_rows import (
+    LookaheadGains,
+    margin_curvature,
+    pair_margins,
+    retreat_speed,
+)
 from crar_drake.equations.nearby import some_reaches, some_shapes
 from crar_drake.equations.path_balls import Balls, curvature, near_on_way
 from crar_drake.equations.vectors import times
@@ -41,27 +48,7 @@ from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.shapes import Shapes, near_segment, place_ends
 from crar_drake.law.step import SafetyCheck, State
 
-# A correction aims so far above the distance to be kept [m]: a row is linear.
-SPARE = 3e-4
 _NOTHING_ASKED = np.zeros((0, 7))
-
-
-class Approach(NamedTuple):
-    """How near pairs may come, and how fast."""
-
-    margin: float  # d_min, from which on they retreat [m]
-    rate: float  # kappa, the share of a margin that may be used up in a second [1/s]
-    retreat_rate: float  # gamma [1/s]
-    retreat_speed: float  # [m/s]
-    influence: float  # pairs farther apart than this ask for nothing [m]
-
-
-class Times(NamedTuple):
-    """The times of a step [s]."""
-
-    T: float  # braking time constant
-    period: float  # of the controller
-    step: float  # of the plant, at most the period
 
 
 class Pairs:
@@ -69,7 +56,6 @@ class Pairs:
 
     Attributes:
         shapes: holds `Shapes`.
-        approach: of its rows.
         names: of the two links of each pair of shapes.
     """
 
@@ -82,17 +68,17 @@ class Pairs:
         balls: Balls,
         names: Sequence[tuple[str, str]],
         distance: float,
-        approach: Approach,
+        gains: LookaheadGains,
     ) -> None:
         """
         Args:
             robot, reaches, balls: of `Shapes`.
             names: (Np,) of each pair of shapes its links.
             distance: d_0, to be kept [m].
-            approach: of the rows.
+            gains: of the rows.
         """
         self.shapes = hold(Shapes(robot, reaches, hold(balls)))
-        self.approach, self.names = approach, list(names)
+        self._gains, self.names = hold(gains), list(names)
         self._distance = float(distance)
         self._kept = np.zeros(0)
 
@@ -102,8 +88,9 @@ class Pairs:
         return not len(relaxed_distances(q, v, T, self._distance, self.shapes))
 
     def begin(self, state: State) -> None:
-        of = Times(state.T, state.period, state.plant_step)
-        self._numbers = of, self._distance, self.shapes
+        self._numbers = AdmissionGains(
+            state.T, state.period, state.plant_step, self._distance
+        )
         self._kept = np.zeros(0)
         if not state.known:
             self._kept = relaxed_distances(
@@ -124,11 +111,12 @@ class Pairs:
 
     def rows(self, state: State) -> Rows:
         s, n = state.whole(state.nominal), state.n
-        g, least = pair_rows(state.q, state.v, s, state.T, self.approach, self.shapes)
+        of = state.T, self._gains, self.shapes
+        g, least = pair_rows(state.q, state.v, s, *of)
         return of_controlled(g, least, s, n)
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
-        given = *(state.q, state.v, s, self._kept), *self._numbers
+        given = state.q, state.v, s, self._kept, self._numbers, self.shapes
         if not correct:
             safe, clearance, worst = keep_distance(*given)
             return SafetyCheck(safe, clearance, index=worst)
@@ -163,10 +151,7 @@ def relaxed_distances(
     rows, _, _ = near_segment(q, x, distance, shapes)
     if not len(rows):
         return np.zeros(0)
-    keep, asked = (
-        np.full(len(rows), distance - ROUNDING),
-        np.ones(len(rows), dtype=np.bool_),
-    )
+    keep, asked = np.full(len(rows), distance - ROUNDING), np.full(len(rows), True)
     r = some_shapes(shapes.robot, rows).value
     reaches = some_reaches(shapes.reaches, rows)
     found = path_bounds(q, x, np.zeros(len(x)), keep, asked, r, reaches, False)
@@ -181,7 +166,7 @@ def relaxed_distances(
 
 @compiled
 def pair_rows(
-    q: np.ndarray, v: np.ndarray, s: np.ndarray, T: float, near: Approach, held: Held
+    q: np.ndarray, v: np.ndarray, s: np.ndarray, T: float, gains: Held, held: Held
 ) -> tuple[np.ndarray, np.ndarray]:
     """g (C, nv), least (C,): the rows of the pairs that s could bring to bind.
 
@@ -192,42 +177,31 @@ def pair_rows(
     Args:
         q, v, s: (nv,), (nv,), (nv,) state and nominal.
         T: [s].
-        near: of the rows.
+        gains: holds `LookaheadGains`.
         held: holds `Shapes`.
     """
-    shapes = held.value
+    shapes, numbers = held.value, gains.value
     r, balls = shapes.robot.value, shapes.balls.value
-    nv = len(v)
+    nv, margin = len(v), numbers.distance_margin
     points, centres = place_ends(q, q + T * v, r, balls)
-    ahead = times(balls.reach, np.abs(s)) / near.rate
+    ahead = times(balls.reach, np.abs(s)) / numbers.approach_rate
     # Of both links together no more than the influence distance.
-    ahead = np.minimum(ahead, 0.5 * (near.influence - near.margin))
+    ahead = np.minimum(ahead, 0.5 * (numbers.influence_distance - margin))
     bend = 0.125 * curvature(T * v, balls) + ahead
-    rows, _ = near_on_way(centres, points, bend, near.margin, r.pairs.value, balls)
+    rows, _ = near_on_way(centres, points, bend, margin, r.pairs.value, balls)
     if not len(rows):
         return np.zeros((0, nv)), np.zeros(0)
     some = some_shapes(shapes.robot, rows).value.pairs.value
     d, normal, p = nearest_of_pairs(points, _NOTHING_ASKED, some)
     S = joint_motion(points[:, : 3 * nv])
     g = distance_gradient_about_origin(normal, p, S, some.moves)
-    k = len(rows)
-    h, drift = d.copy(), np.zeros(2 * k)
-    h[:k] += T * times(g[0], v)
-    drift[:k] = times(g[1], v) - times(g[0], v)
-    least = approach_speed(h, near.margin, near.rate, near.retreat_rate)
-    least = np.minimum(least, near.retreat_speed)
-    some_near = np.flatnonzero(h < near.influence)
-    return g.reshape(2 * k, nv)[some_near], (least - drift)[some_near]
-
-
-@compiled
-def approach_speed(
-    h: np.ndarray, margin: float, rate: float, gamma: float
-) -> np.ndarray:
-    """How fast margins h (C,) have to grow at least, (C,): at gamma (margin - h) inside
-    of the margin, at -rate (h - margin) outside."""
-    inside, outside = np.maximum(margin - h, 0.0), np.maximum(h - margin, 0.0)
-    return gamma * inside - rate * outside
+    h = pair_margins(d.reshape(2, -1), g, v, T)
+    least = retreat_speed(
+        h, margin, numbers.retreat_rate, numbers.retreat_speed, numbers.approach_rate
+    )
+    least -= margin_curvature(g, v)
+    near = np.flatnonzero(h < numbers.influence_distance)
+    return g.reshape(len(h), nv)[near], least[near]
 
 
 @compiled
@@ -236,8 +210,7 @@ def check_pairs(
     v: np.ndarray,
     s: np.ndarray,
     kept: np.ndarray,
-    of: Times,
-    distance: float,
+    of: AdmissionGains,
     held: Held,
     correct: bool,
 ) -> tuple[bool, float, int, np.ndarray, np.ndarray, np.ndarray]:
@@ -246,8 +219,7 @@ def check_pairs(
     Args:
         q, v, s: (nv,), (nv,), (nv,) state and step.
         kept: (Np,) relaxed distances [m]; (0,) for d_0 of all.
-        of: the times.
-        distance: d_0 [m].
+        of: times, and d_0.
         held: holds `Shapes`.
         correct: whether rows are asked for.
 
@@ -257,7 +229,7 @@ def check_pairs(
         (nv,) above 0 for the joints that move these.
     """
     shapes, nv = held.value, len(v)
-    T, period, floor = of.T, of.period, distance - ROUNDING
+    T, period, floor = of.T, of.period, of.floor - ROUNDING
     q_next, x = next_path(q, v, s, T, period, of.step)
     # Of q'_s, and of where the braking path begins, the change with s.
     k_0, k_1 = 0.5 * period * (period + of.step) / T, period
@@ -314,14 +286,11 @@ def keep_distance(
     v: np.ndarray,
     s: np.ndarray,
     kept: np.ndarray,
-    of: Times,
-    distance: float,
+    of: AdmissionGains,
     held: Held,
 ) -> tuple[bool, float, int]:
     """What `check_pairs` finds first, without rows: arrays take time to hand out."""
-    safe, clearance, worst, _, _, _ = check_pairs(
-        q, v, s, kept, of, distance, held, False
-    )
+    safe, clearance, worst, _, _, _ = check_pairs(q, v, s, kept, of, held, False)
     return safe, clearance, worst
 
 

@@ -11,11 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
+from crar_drake.equations.lookahead_rows import BOUNDING_WEIGHT
 from crar_drake.equations.one_sided import one_sided_nearest
-
-# What the square of a violated row weighs beside that of a joint's change [1]: a row of
-# a full-sized violation is kept to a thousandth, and corrections see to the rest.
-HARD = 1e6
 
 
 class Rows(NamedTuple):
@@ -28,7 +25,7 @@ class Rows(NamedTuple):
 
 def hard_rows(g: np.ndarray, least: np.ndarray) -> Rows:
     """Rows that are to hold."""
-    return Rows(g, least, np.full(len(least), HARD))
+    return Rows(g, least, np.full(len(least), BOUNDING_WEIGHT))
 
 
 def stacked(rows: Sequence[Rows]) -> Rows:

@@ -13,15 +13,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from crar_drake.equations.admission import AS_NOMINAL, BISECTIONS, CORRECTED, SCALED
+from crar_drake.equations.lookahead_guard import CORRECTIONS
 from crar_drake.law.projection import Rows, clipped, project, stacked
 
-# How a step was found.
-AS_NOMINAL, CORRECTED, SCALED = 0.0, 1.0, 2.0
-
-# A step is corrected so often before it is scaled: each costs a projection and a check.
-CORRECTIONS = 4
-# A step is scaled to one of 2^this shares; each bisection is a check.
-BISECTIONS = 6
 # Shares of the nominal that are projected anew where less than the first is left of the
 # corrected step: a way out that constraints ask for would be scaled as well.
 LESS = (0.25, 0.0625, 0.0)

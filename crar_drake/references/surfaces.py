@@ -85,11 +85,7 @@ class Surface:
         Args: as of `hull_distance`, and
             enough: [m].
         """
-        found = coal.DistanceResult()
-        # Coal looks for nothing that is farther.
-        found.min_distance = enough
-        d = _measured(self._triangles, other._triangles, R, p, found)
-        return max(0.0, d)
+        return max(0.0, self._of_triangles(other, R, p, enough)[0])
 
     def nearest(
         self, other: Surface, R: np.ndarray, p: np.ndarray, enough: float
@@ -102,12 +98,19 @@ class Surface:
         d = self.hull_distance(other, R, p)
         if d >= enough:
             return d, None, None
-        found = coal.DistanceResult()
-        found.min_distance = enough
-        d = _measured(self._triangles, other._triangles, R, p, found)
+        d, found = self._of_triangles(other, R, p, enough)
         if d >= enough:
             return d, None, None
         return max(0.0, d), found.getNearestPoint1(), found.getNearestPoint2()
+
+    def _of_triangles(
+        self, other: Surface, R: np.ndarray, p: np.ndarray, enough: float
+    ) -> tuple[float, coal.DistanceResult]:
+        """What Coal finds nearer than enough; arguments as of `distance`."""
+        found = coal.DistanceResult()
+        # Coal looks for nothing that is farther.
+        found.min_distance = enough
+        return _measured(self._triangles, other._triangles, R, p, found), found
 
     def one_inside(self, other: Surface, R: np.ndarray, p: np.ndarray) -> bool:
         """Whether a connected part of one is inside the other, if no triangles meet.

@@ -257,8 +257,7 @@ def test_a_command_of_the_checkout(command: Command, tmp_path: Path):
     elif program == "pip":
         project = tomllib.loads((product.ROOT / "pyproject.toml").read_text())
         known = project["project"]["optional-dependencies"]
-        named = re.search(r"\[(.*)\]", command.text)
-        extras = named[1].split(",") if named else []
+        extras = re.search(r"\[(.*)\]", command.text)[1].split(",")
         assert words[0] == "install" and set(extras) <= set(known)
     elif program == "source":
         assert words == [".venv/bin/activate"]

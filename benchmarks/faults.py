@@ -23,7 +23,7 @@ from benchmarks.options import (
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.commands.options import positive
 from crar_drake.control.lookahead_parameters import LookaheadParameters
-from crar_drake.control.records import InputError
+from crar_drake.errors import InputError
 from crar_drake.judging.referee import Referee
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.run import FAILURES, RunResult, run_scenario

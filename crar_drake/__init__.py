@@ -17,7 +17,7 @@ if TYPE_CHECKING:
         CrarParameters,
         LookaheadParameters,
     )
-    from crar_drake.control.records import InputError, Solution
+    from crar_drake.control.records import Solution
     from crar_drake.control.safety_filter import (
         FilterCommand,
         FilterReport,
@@ -27,7 +27,13 @@ if TYPE_CHECKING:
     from crar_drake.control.safety_filter_system import SafetyFilterSystem
     from crar_drake.control.standing_law import StandingLaw
     from crar_drake.equations.tasks import TaskLayout
-    from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
+    from crar_drake.errors import (
+        CrarError,
+        InputError,
+        ModelError,
+        MotionError,
+        ScenarioError,
+    )
     from crar_drake.results.log import SimulationLog
     from crar_drake.robot.description import RobotDescription, load_robot_description
     from crar_drake.robot.model import ControlModel
@@ -58,7 +64,7 @@ _MODULES = {
     "EXPERIMENTS": "robot.task",
     "FilterCommand": "control.safety_filter",
     "FilterReport": "control.safety_filter",
-    "InputError": "control.records",
+    "InputError": "errors",
     "LookaheadParameters": "control.parameters",
     "MakeCrarDiagram": "simulation.diagram",
     "ModelError": "errors",

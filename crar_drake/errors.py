@@ -26,6 +26,10 @@ class ScenarioError(CrarError):
     """A scenario file or an option that overrides it."""
 
 
+class InputError(CrarError):
+    """A value that reached the controller at run time cannot be used."""
+
+
 class WriteError(CrarError):
     """A file or folder cannot be written.
 

@@ -19,6 +19,7 @@ from dataclasses import asdict
 from multiprocessing import active_children, get_context
 from pathlib import Path
 
+from crar_drake.control.parameters import CONSTRAINTS
 from rich.progress import track
 
 from benchmarks.adversary.cases import (
@@ -38,7 +39,6 @@ from benchmarks.adversary.run import play_and_judge, run_case
 from benchmarks.options import seed_number
 from benchmarks.page import Benchmark, run
 from crar_drake.commands.options import count, positive
-from crar_drake.control.modes import MODES
 from crar_drake.errors import CrarError, nearest
 from crar_drake.files import check_folder, sole_writer, write_whole
 
@@ -186,7 +186,7 @@ def parse(
         default=["exact"],
         help="exact (default), torque, filter, or several",
     )
-    parser.add_argument("--constraints", choices=list(MODES), default="lookahead")
+    parser.add_argument("--constraints", choices=CONSTRAINTS, default="lookahead")
     parser.add_argument(
         "--no-preview", action="store_true", help="attack the law without a preview"
     )

@@ -24,7 +24,6 @@ from benchmarks.adversary.targets import (
     steps,
     waves,
 )
-from crar_drake.control import modes
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
@@ -386,7 +385,7 @@ def switched(stage: Stage) -> Episode:
         for _ in range(20):
             episode.switches[step] = replace(_other_gains(rng, p), **common)
             with suppress(ScenarioError):  # gains that do not go with the period
-                modes.validate(episode.switches[step])
+                episode.switches[step].validate()
                 break
     return episode
 

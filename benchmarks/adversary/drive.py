@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from benchmarks.adversary.attacks import Episode
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.records import InputError
+from crar_drake.errors import InputError
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, Setup
 from crar_drake.simulation.scenario import Scenario
@@ -84,10 +84,10 @@ def drive_exact(model: ControlModel, episode: Episode) -> Drive:
                 done.diverged = True
                 break
             states[k + 1] = solution.position_command
-            told = solution.of_mode.get("admission")
-            if told is not None:
+            told = solution.admission
+            if np.isfinite(told[0]):
                 done.admitted[int(told[0])] += 1
-                done.unheld += len(told) > 3 and not told[3]
+                done.unheld += not told[3]
     return done
 
 

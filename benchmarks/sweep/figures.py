@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 import numpy as np
+from crar_drake.control.parameters import CONSTRAINTS
 
 from benchmarks.sweep.cases import Case, Result
-from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import LEVELS
 
 
@@ -144,7 +144,7 @@ def experiment_order(experiment: str) -> tuple:
 def _reading_order(r: Result) -> tuple:
     return (
         experiment_order(r.experiment),
-        list(MODES).index(r.constraints),
+        CONSTRAINTS.index(r.constraints),
         -LEVELS.index(r.level),
         r.period,
         clip_order(r.motion),

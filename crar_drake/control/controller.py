@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from operator import attrgetter
 
 import numpy as np
@@ -18,21 +17,21 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from crar_drake.control.diagnostics import OF_LAW, Diagnostic
+from crar_drake.control.diagnostics import ALL
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes import MODES
 from crar_drake.control.obstacle_port import ObstaclePort
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.records import InputError, Memory, Solution, check_finite
+from crar_drake.control.records import Memory, Solution, check_finite
 from crar_drake.equations.references import Targets
 from crar_drake.equations.vectors import is_finite
+from crar_drake.errors import InputError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
 
-# All that every mode reports of a solution, at once.
-_values_of_law = attrgetter(*(diagnostic.key for diagnostic in OF_LAW))
+# All that is reported of a solution, at once.
+_reported = attrgetter(*(diagnostic.key for diagnostic in ALL))
 
 
 @dataclass(slots=True)
@@ -101,15 +100,16 @@ class CrarController(LeafSystem):
             allowed, and the excess before clipping of the present torque tick, see
             `Solution`.
         resting_margins: (2,) where the robot would come to rest, the smallest
-            distance [m] and the smallest margin to a joint limit [rad]; NaN unless
-            constraints are "lookahead".
-        admission: (4,) how the step was admitted (0 nominal, 1 corrected, 2
+            distance [m] and the smallest margin to a joint limit [rad].
+        admission: (4,) how the step was found (0 nominal, 1 corrected, 2
             scaled towards braking), the share of the nominal step, a bound from below
             for all distances on the braking path one period on [m], and whether the
             present one is clear (1) or not (0), see `docs/theory/theorem.md`. The last
             two are NaN where a watched pair is not examined: one with a shape that is
-            no capsule, sphere, box, mesh or half space. All are NaN unless constraints
-            are "lookahead", and while it brakes without targets.
+            no capsule, sphere, box, mesh or half space.
+        balance: (3,) the same of a robot on its soles, see `law.ground`.
+        T: (1,) braking time constant of the step [s]. These four are NaN unless
+            constraints are "lookahead".
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises
@@ -181,7 +181,7 @@ class CrarController(LeafSystem):
         if self.law.parameters.posture_gain:
             self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
         self._obstacles = ObstaclePort(self, obstacle_speeds)
-        if self._obstacles and self.law.mode.keeps_off_obstacles:
+        if self._obstacles and gains.constraints == "lookahead":
             self.law.among  # noqa: B018 (what does not go with them is refused now)
 
         nothing_yet = Memory()
@@ -211,7 +211,7 @@ class CrarController(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._Update)
 
         self._outputs, self.diagnostics_slices, end = {}, {}, 0
-        for part in all_diagnostics():
+        for part in ALL:
             name, size = part.name, part.size(model)
             if part.connected:
                 self._outputs[name] = self.DeclareVectorOutputPort(
@@ -219,7 +219,6 @@ class CrarController(LeafSystem):
                 )
             self.diagnostics_slices[name] = slice(end, end + size)
             end += size
-        self._of_modes = [(d.key, np.full(d.size(model), np.nan)) for d in of_modes()]
         self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
             "diagnostics", end, self._CalcDiagnostics, sources
         )
@@ -309,11 +308,7 @@ class CrarController(LeafSystem):
         raise AttributeError(f"CrarController has no attribute {name!r}")
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
-        solution = self._EvalSolution(context)
-        # NaN where the constraint mode does not report it.
-        reported = solution.of_mode.get
-        of_mode = [reported(key, absent) for key, absent in self._of_modes]
-        output.SetFromVector(np.concatenate((*_values_of_law(solution), *of_mode)))
+        output.SetFromVector(np.concatenate(_reported(self._EvalSolution(context))))
 
     def _MakeOutputCalc(self, key: str):
         def calc(context: Context, output: BasicVector) -> None:
@@ -392,15 +387,3 @@ class CrarController(LeafSystem):
         # The time of a tick is a multiple of the period up to rounding.
         ticks = math.floor(time / self._torque_period + 1e-6)
         return divmod(ticks, self._torque_ticks)
-
-
-@cache
-def of_modes() -> tuple[Diagnostic, ...]:
-    """What only some constraint mode reports; the parts of all are always there."""
-    return tuple(d for mode in MODES.values() for d in mode.diagnostics)
-
-
-@cache
-def all_diagnostics() -> tuple[Diagnostic, ...]:
-    """What the controller reports, in the order of the port diagnostics."""
-    return (*OF_LAW, *of_modes())

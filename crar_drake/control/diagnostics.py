@@ -15,7 +15,7 @@ class Diagnostic(NamedTuple):
     name: str  # of the part
     size: Callable[[ControlModel], int]  # of it, for a model
     meaning: str  # for people, with units
-    field: str = ""  # of `Solution`, or of a mode's diagnostics; by default the name
+    field: str = ""  # of `Solution`; by default the name
     logged: bool = True  # whether `SimulationLog` keeps it
     connected: bool = False  # whether it has a port of its own, too
 
@@ -25,8 +25,8 @@ class Diagnostic(NamedTuple):
         return self.field or self.name
 
 
-# Those of every mode, in their order in the port.
-OF_LAW = (
+# All, in their order in the port.
+ALL = (
     Diagnostic(
         "actuation",
         lambda model: model.plant.num_actuated_dofs(),
@@ -73,4 +73,26 @@ OF_LAW = (
         "share of the nominal accelerations that the effort limits allowed, and by "
         "which share of its limit the worst actuator was beyond it before clipping",
     ),
+    Diagnostic(
+        "resting_margins",
+        lambda model: 2,
+        "where the robot would come to rest: the smallest distance [m] and the "
+        "smallest margin to a joint limit [rad]",
+    ),
+    Diagnostic(
+        "admission",
+        lambda model: 4,
+        "how the step was found (0 nominal, 1 corrected, 2 scaled), "
+        "the share of the nominal step, the clearance of the next braking path "
+        "[m], and whether the present one was clear (1) or not (0); the last two "
+        "NaN where a watched pair is not examined",
+    ),
+    Diagnostic(
+        "balance",
+        lambda model: 3,
+        "how the step was found where the ground objected (0 nominal, 1 corrected, 2 "
+        "scaled), the share of it, and what the ground has left on the next braking "
+        "path [m of the weight's arm]; NaN without controller.balance",
+    ),
+    Diagnostic("T", lambda model: 1, "braking time constant of the step [s]"),
 )

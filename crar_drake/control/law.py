@@ -16,12 +16,10 @@ from functools import cached_property
 
 import numpy as np
 
-from crar_drake.control.balance import Balance
-from crar_drake.control.effort_limits import EffortLimits
+from crar_drake.control.constraints import Braking, RobotConstraints
 from crar_drake.control.lateness import LATEST, Lateness, watch_lateness
-from crar_drake.control.law_among import LawAmong
-from crar_drake.control.modes import MODES, validate
-from crar_drake.control.obstacles import Obstacles, Regions
+from crar_drake.control.lookahead_parameters import longer_braking_times
+from crar_drake.control.obstacles import ObstacleFilter, Obstacles
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.plausible import PlausibleStates
 from crar_drake.control.records import (
@@ -35,23 +33,26 @@ from crar_drake.control.records import (
     check_finite,
 )
 from crar_drake.equations.blending import smooth_step
-from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.lookahead_rows import resting_configuration
+from crar_drake.equations.composite_weight import composite_index
 from crar_drake.equations.prediction import state_ahead
-from crar_drake.equations.preview import posture_near_limits
-from crar_drake.equations.references import (
-    BlendStart,
-    Targets,
-    TaskGains,
-)
+from crar_drake.equations.references import BlendStart, Targets, TaskGains
 from crar_drake.equations.vectors import is_finite
-from crar_drake.errors import ModelError
+from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.law.motors import Motors, clip_torque, share_of_nominal
+from crar_drake.law.nominal import Nominal, TaskLaw
+from crar_drake.law.paper import PaperGains, PaperLaw
+from crar_drake.law.plan import Plan, make_preview, posture_near_limits
+from crar_drake.law.step import AS_NOMINAL, State, Step, step
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
 # Of a period: so little more is none.
 _ROUNDING = 1e-9
+# A robot that is off its command by less is where it was told to be [rad or m, per
+# second]: what was shown of the command holds, for the safety distance has it to spare.
+_AS_TOLD = 1e-6
+_NO_REPORT = np.full(4, np.nan)
 _STATUS = {
     status: np.array([status])
     for status in (
@@ -67,7 +68,6 @@ class ControlLaw:
     Attributes:
         model: kinematics, distances, dynamics.
         parameters: gains and modes.
-        mode: of the constraints.
         effort_limits: (nu,) see `CrarParameters.effort_limits` [Nm or N].
         speed_limits: (nv,) see `CrarParameters.speed_limits` [rad/s or m/s].
         target_names: what errors call tasks, prescribed positions and nominal posture.
@@ -88,7 +88,7 @@ class ControlLaw:
         model.description.refuse_floating()
         self.model = model
         self.parameters = parameters or CrarParameters()
-        validate(self.parameters)
+        self.parameters.validate()
         gains = self.parameters
         # Always of one type, lest functions be compiled for another.
         self._blend_time = float(gains.blend_time)
@@ -96,41 +96,79 @@ class ControlLaw:
         self._latency = float(gains.latency)
         self._plant_step = float(model.plant.time_step())
         self._torque_period = float(gains.torque_period_for(self._plant_step))
-        # The oldest commands whose effect a late state does not show yet.
-        late = self._latency / self._period * (1.0 - _ROUNDING)
-        self._num_sent = math.ceil(late) + 1 if late else 0
         self._rest = model.rest_positions()
         self._rest_posture = self._rest[model.controlled_positions]
         self._has_limits = np.isfinite(model.upper - model.lower)
-        self._with_posture = gains.posture_gain > 0.0
         self.speed_limits = gains.speed_limits(model)
-        task_gains = TaskGains(
-            float(gains.K),
-            float(gains.Kp),
-            float(gains.velocity_gain),
-            float(gains.posture_gain),
-            model.row_weights if model.weighs_rows else _NOTHING,
+        self.effort_limits = gains.effort_limits(model)
+        self._some_efforts = np.flatnonzero(np.isfinite(self.effort_limits))
+        self._safe = gains.constraints == "lookahead"
+        self._plausible = PlausibleStates(model, self._period)
+        self._constraints = self._motors = None
+        crowded = model.m >= model.n
+        damping, stiffness = gains.null_space_gains(crowded)
+        self._with_posture = stiffness > 0.0
+        weights = model.row_weights if model.weighs_rows else _NOTHING
+        tasks = TaskGains(
+            *(float(gains.K), float(gains.Kp), float(gains.velocity_gain)),
+            *(float(stiffness), weights),
         )
-        self.mode = MODES[gains.constraints](model, gains, task_gains)
-        if self.mode.plans:
+        self._nominal: TaskLaw
+        if self._safe:
+            ahead = gains.lookahead.filled(gains.period, crowded)
+            T, longest = gains.braking_horizon, gains.longest_braking_horizon
+            others = [] if gains.balance else longer_braking_times(T, longest)
+            approach = ahead.approach()
+            self._constraints = RobotConstraints(
+                model, gains, approach, T, others, self._plant_step
+            )
+            self._motors = self._constraints.motors
+        elif len(self._some_efforts):
+            self._motors = Motors(model, self.effort_limits)
+        # The oldest commands whose effect a late state does not show yet.
+        late = self._latency / self._period * (1.0 - _ROUNDING)
+        self._num_sent = math.ceil(late) + 1 if late else 0
+        if gains.plans:
+            preview = make_preview(
+                *(ahead.preview, ahead.smoothness, damping, stiffness),
+                *(self._period, ahead.farthest_pull, ahead.null_space_damping),
+            )
+            limits = self._constraints.limits
+            self._nominal = Plan(
+                *(model, self._constraints.pairs.shapes, preview, tasks, approach),
+                *(limits.lower, limits.upper, self._period),
+            )
             # A plan is stiff: a lag that nobody has told of is looked for.
             self._num_sent = math.ceil(late) + round(LATEST / self._period) + 2
-        self._plausible = PlausibleStates(model, self._period)
-        self._efforts = EffortLimits(model, self.mode, gains)
-        self.effort_limits = self._efforts.limits
-        self._balance = None
-        if gains.balance is not None:
-            self._balance = Balance(model, gains.balance, self.mode, self._period)
+        else:
+            self._nominal = PaperLaw(
+                *(model, tasks, paper_gains(gains, len(model.pairs))),
+                constrained=gains.constraints != "none",
+                with_inertia=gains.metric == "inertia",
+            )
         self.reset()
 
     @cached_property
-    def among(self) -> LawAmong:
+    def among(self) -> ObstacleFilter:
         """What keeps the robot from obstacles that move.
 
         Raises:
             ScenarioError: the robot or the parameters do not go with them.
         """
-        return LawAmong(self.model, self.parameters)
+        gains, period = self.parameters, self._period
+        if abs(self._plant_step - period) > 1e-9 * period:
+            raise ScenarioError(
+                f"obstacles: the plant's time step, {self._plant_step:g} s, must be "
+                f"the control period, {period:g} s: make plant_config.time_step or "
+                "controller.period the other"
+            )
+        if gains.longest_braking_horizon > gains.braking_horizon:
+            raise ScenarioError(
+                "controller.lookahead.longest_horizon: with moving obstacles one "
+                "horizon counts; make it the same as lookahead.horizon, or take "
+                "CrarParameters.among_obstacles()"
+            )
+        return self._constraints.among
 
     def compile(self, obstacles: bool = False) -> None:
         """Compiles what has yet to be, by a step at rest that leaves nothing behind.
@@ -141,24 +179,23 @@ class ControlLaw:
         Args:
             obstacles: whether there will be any that move.
         """
-        if obstacles and self.mode.keeps_off_obstacles:
-            self.among.compile()
         model = self.model
         q = self._rest
         v = np.zeros(model.plant.num_velocities())
         targets = Targets(model.tasks_at(q), model.prescribed_at(q), _NOTHING)
         workspace = model.MakeWorkspace()
-        memory = self.solve(workspace, Memory(), 0, 0.0, q, v, targets)
-        if self._efforts.finite:
-            measured = self._measure(workspace, q, v)
-            self._efforts.compile(workspace, measured, np.ones_like(v))
-        if self._balance is not None:
-            self._balance.compile(self._measure(workspace, q, v))
+        around = None
+        if obstacles and self._safe:
+            around = Obstacles(np.zeros((1, 3)), 1.0, 1.0, ("all",))
+        memory = self.solve(workspace, Memory(), 0, 0.0, q, v, targets, around)
+        self.solve(workspace, memory, 1, self._period, q, v, targets, around)
+        if self._safe:
+            self._constraints.compile(*model.in_order(q, v))
         self.hold(workspace, memory, 1, q, v)
 
     def default_posture(self, q: np.ndarray) -> np.ndarray:
         """The nominal posture where none is given: the robot's rest posture, and with a
-        preview (L14), `equations.preview.posture_near_limits`.
+        plan (L14), `law.plan.posture_near_limits`.
 
         A joint without limits, which may have turned round, has none.
 
@@ -174,7 +211,7 @@ class ControlLaw:
         model = self.model
         here = q[model.controlled_positions]
         posture = np.where(self._has_limits, self._rest_posture, here)
-        if self.mode.plans:
+        if self.parameters.plans:
             posture = posture_near_limits(here, posture, model.lower, model.upper)
         return posture
 
@@ -294,10 +331,10 @@ class ControlLaw:
             ScenarioError: the robot or the parameters do not go with obstacles.
             FloatingPointError: an overflow.
         """
-        model, mode = self.model, self.mode
+        model, parameters = self.model, self.parameters
         before = memory if tick == memory.tick + 1 else Memory()
         lateness = None
-        if mode.plans:
+        if parameters.plans:
             told = self._latency / self._period
             # One glitch would outweigh all else for seconds.
             seen = self._plausible.believed(v, before.v)
@@ -305,91 +342,228 @@ class ControlLaw:
                 before.lateness, seen, before.sent, told, self._period
             )
         q, v = self._predict(before.sent, lateness, self._period, q, v)
-        if not len(targets.posture):
-            targets = targets._replace(posture=self.default_posture(q))
         believed = v
-        if mode.brakes_without_targets:
+        if self._safe:
             believed = self._plausible.believed(v, before.v)
-        measured = self._measure(workspace, q, believed)
-        regions = None
-        none = before.regions is None if obstacles is None else not len(obstacles)
-        if mode.keeps_off_obstacles and not none:
-            regions = self.among.regions(before, obstacles, q, believed)
-        if believed is not v or not self._came(before, q, v):
-            return self._brake(
-                workspace, before, tick, measured, regions, STATUS_IMPLAUSIBLE, lateness
-            )
-        if not self._usable(targets, time):
-            return self._brake(
-                workspace, before, tick, measured, regions, lateness=lateness
-            )
-        start_time, start = memory.start_time, memory.start
-        if start is None:
-            start_time, start = time, self._start(measured)
-        blend = smooth_step(time - start_time, self._blend_time)
-        posture = targets.posture
-        if self._with_posture and blend[0] < 1.0:
-            # As the targets, lest the first step be a jerk.
-            here = q[model.controlled_positions]
-            posture = here + blend[0] * (posture - here)
-        rows = self._efforts.rows(workspace) if mode.plans else None
-        solution = mode.resolve(
-            workspace,
-            measured,
-            Targets(targets.tasks, targets.prescribed, posture, start, blend),
-            before if before.continues else None,
-            **({"efforts": rows} if mode.plans else {}),
+        model.plant.SetPositionsAndVelocities(
+            workspace.plant_context, np.concatenate((q, believed))
         )
-        if not is_finite(solution.acceleration):
-            # A quaternion of zero length is a number, but no orientation.
-            if is_finite(solution.task_error):
-                raise FloatingPointError(
-                    "the commanded acceleration is not finite: an overflow reached the "
-                    "solver; are positions, velocities or targets beyond all sense?"
-                )
-            if mode.brakes_without_targets:
-                return self._brake(
-                    workspace, before, tick, measured, regions, lateness=lateness
-                )
-            raise _no_orientation("desired_tasks", time)
-        status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
-        regions = self._complete(solution, workspace, measured, status, regions, rows)
+        braking = self._known(before, obstacles, q, believed)
+        status, nominal, start = STATUS_TRACKING, None, memory.start
+        start_time = memory.start_time
+        if believed is not v or not self._came(before, q, v):
+            status = STATUS_IMPLAUSIBLE
+        elif not self._usable(targets, time):
+            status = STATUS_BRAKING
+        else:
+            if start is None:
+                start_time, start = time, self._start(q, v)
+            blend = smooth_step(time - start_time, self._blend_time)
+            if blend[0] < 1.0:
+                status = STATUS_BLENDING
+            targets = self._blended(targets, q, start, blend)
+            kept = before.solution.kept if before.continues else None
+            efforts = self._motor_rows(q, v)
+            nominal = self._nominal(workspace, q, v, targets, kept, efforts)
+            if not is_finite(nominal.vdot):
+                # A quaternion of zero length is a number, but no orientation.
+                if is_finite(nominal.task_error):
+                    raise FloatingPointError(
+                        "the commanded acceleration is not finite: an overflow reached "
+                        "the solver; are positions, velocities or targets beyond all "
+                        "sense?"
+                    )
+                if not self.brakes_without_targets:
+                    raise _no_orientation("desired_tasks", time)
+                status, nominal = STATUS_BRAKING, None
+        going_on = nominal is not None
+        if not going_on:
+            nominal = self._braking(believed, braking)
+        solution, braking = self._solved(
+            workspace, q, believed, nominal, braking, going_on
+        )
+        solution.status = _STATUS[status]
         return Memory(
             tick,
             solution=solution,
             q=q,
-            v=v,
-            continues=True,
-            start_time=start_time,
-            start=start,
-            regions=regions,
+            v=v if going_on else believed + self._period * solution.acceleration,
+            continues=going_on,
+            start_time=start_time if going_on else None,
+            start=start if going_on else None,
+            braking=braking,
             sent=self._sent(before, solution),
             lateness=lateness,
         )
+
+    def _known(
+        self, before: Memory, obstacles: Obstacles | None, q: np.ndarray, v: np.ndarray
+    ) -> Braking:
+        """What is known of the braking path from a state (nq,), (nv,)."""
+        if not self._safe:
+            return before.braking
+        known, regions = before.braking, before.braking.regions
+        told = before.solution is not None
+        if told:
+            off = before.solution.position_command - np.concatenate((q, v))
+            told = bool(np.abs(off).max() <= _AS_TOLD)
+        if not told:
+            known = Braking()
+            if regions is not None:
+                regions = replace(regions, clear=np.zeros_like(regions.clear))
+                obstacles = regions.spheres if obstacles is None else obstacles
+        if obstacles is not None and (regions is not None or len(obstacles)):
+            at = self.model.in_order(q, v)
+            regions = self.among.regions(regions, obstacles, *at)
+        return replace(known, regions=regions)
+
+    def _blended(
+        self, targets: Targets, q: np.ndarray, start: BlendStart, blend: tuple
+    ) -> Targets:
+        """The targets of a step, with a nominal posture."""
+        posture = targets.posture
+        if not len(posture):
+            posture = self.default_posture(q)
+        if self._with_posture and blend[0] < 1.0:
+            # As the targets, lest the first step be a jerk.
+            here = q[self.model.controlled_positions]
+            posture = here + blend[0] * (posture - here)
+        return Targets(targets.tasks, targets.prescribed, posture, start, blend)
+
+    def _motor_rows(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """(k, nv + 2) of `law.nominal.TaskLaw`, for a plan."""
+        if self._motors is None or not self.parameters.plans:
+            return np.zeros((0, len(v) + 2))
+        return self._motors.plan_rows(*self.model.in_order(q, v))
+
+    def _braking(self, v: np.ndarray, before: Braking) -> Nominal:
+        """q_ddot = -q_dot / T, of all joints."""
+        model = self.model
+        T = before.T or self._constraints.T
+        unknown, nothing = np.full(model.m, np.nan), np.zeros(model.n)
+        return Nominal(-v / T, unknown, np.ones(model.n), nothing, _NOTHING)
+
+    def _solved(
+        self,
+        workspace: Workspace,
+        q: np.ndarray,
+        v: np.ndarray,
+        nominal: Nominal,
+        before: Braking,
+        going_on: bool,
+    ) -> tuple[Solution, Braking]:
+        """The step nearest to a nominal that is safe, and what follows from it.
+
+        Args:
+            workspace: at the state.
+            q, v: (nq,), (nv,) the state.
+            nominal: of this step.
+            before: what is known of its braking path.
+            going_on: else it is braking, over whatever T will do.
+        """
+        model, n = self.model, self.model.n
+        vdot, how, found = nominal.vdot, {}, None
+        at, rate = model.in_order(q, v)
+        (_, asked) = model.in_order(q, vdot)
+
+        def s_0(T: float) -> np.ndarray:
+            if not going_on:
+                return np.zeros(n)
+            s = rate[:n] + T * asked[:n]
+            return s if self.parameters.plans else self._slowed(s)
+
+        braking, state = before, None
+        if self._safe:
+            prescribed = asked[n:]
+            state = self._constraints.state(
+                at, rate, before, s_0, prescribed, keep_rows=True
+            )
+            found, braking = self._constraints.step(state, before.regions)
+            how = self._reported(found, state, before)
+        elif self._motors is not None:
+            T = self.parameters.braking_horizon
+            state = State(
+                *(at, rate, n, T, self._period, min(self._plant_step, self._period)),
+                *(lambda T: rate[:n] + T * asked[:n], False, asked[n:]),
+            )
+            state.desired = state.whole(state.nominal)
+            found = step(state, [self._motors])
+        share = 1.0
+        if found is not None and (self._safe or found.how != AS_NOMINAL):
+            taken = (found.s - rate) / state.T
+            if self._motors is not None and self._motors.name in found.objections:
+                share = share_of_nominal(taken, asked, rate[:n], state.T)
+            _, vdot = model.in_plant(at, taken)
+        actuation = model.inverse_dynamics(workspace, vdot)
+        excess = 0.0
+        if len(self._some_efforts):
+            actuation, excess = clip_torque(actuation, self.effort_limits)
+        obstacle = None
+        if before.regions is not None:
+            obstacle = self.among.ran_into(before.regions, found)
+        solution = Solution(
+            acceleration=vdot,
+            task_error=nominal.task_error,
+            constraint_weights=nominal.weights,
+            constrained_velocity=nominal.qdot_c,
+            **how,
+            kept=nominal.kept,
+            actuation=actuation,
+            position_command=state_ahead(
+                *(q, v, vdot, self._period, self._plant_step),
+                *(model.positions, model.order),
+            ),
+            torque_limit=np.array([share, excess]),
+            obstacle=obstacle,
+            measured=(model, q, v),
+        )
+        return solution, braking
+
+    def _slowed(self, s: np.ndarray) -> np.ndarray:
+        """s (n,), scaled to the speed that q_s is asked to move at most."""
+        fastest = np.abs(s).max()
+        limit = self._constraints.fastest
+        return s if fastest <= limit else (limit / fastest) * s
+
+    def _reported(
+        self, found: Step, state: State, before: Braking
+    ) -> dict[str, np.ndarray]:
+        """The diagnostics of a safe step."""
+        of, regions = self._constraints, before.regions
+        clear = of.pairs.present_is_clear
+        if regions is not None:
+            clear = clear and bool(regions.clear.all())
+        clear = float(clear) if of.examines_all else np.nan
+        how = np.array([found.how, found.share, of.clearance(found), clear])
+        reported = {"admission": how, "T": np.array([state.T])}
+        if of.ground is not None:
+            check = found.objections.get(of.ground.name)
+            left = found.clearances.get(of.ground.name, 0.0)
+            own = (found.how, found.share) if check is not None else (AS_NOMINAL, 1.0)
+            reported["balance"] = np.array([*own, left])
+        return reported
 
     def _usable(self, targets: Targets, time: float) -> bool:
         """Whether targets are finite; raises InputError where that is an error."""
         tasks, prescribed, posture = targets[:3]
         finite = is_finite(tasks) and is_finite(prescribed) and is_finite(posture)
-        if not finite and not self.mode.brakes_without_targets:
+        if not finite and not self.brakes_without_targets:
             for name, value in zip(self.target_names, targets[:3], strict=True):
                 check_finite(name, value, time)
         return finite
 
-    def _start(self, measured: Measured) -> BlendStart:
+    def _start(self, q: np.ndarray, v: np.ndarray) -> BlendStart:
         """What is measured, to blend from."""
         model = self.model
-        state = model.state_here(measured)
+        state = model.task_state(q, v)
         return BlendStart(
-            state.R,
-            state.p,
-            measured.q[0][model.prescribed_positions],
+            *(state.R, state.p, q[model.prescribed_positions]),
             state.q[model.layout.rows.joints],
         )
 
     def _came(self, before: Memory, q: np.ndarray, v: np.ndarray) -> bool:
         """Whether a robot may have come here from the state a period ago."""
-        if before.q is None or not self.mode.brakes_without_targets:
+        if before.q is None or not self._safe:
             return True
         return self._plausible.way(before.q, before.v, q, v)
 
@@ -415,15 +589,15 @@ class ControlLaw:
         model, solved = self.model, memory.solution
         held = torque_tick * self._torque_period
         q, v = self._predict(memory.sent, memory.lateness, held, q, v)
-        if self.mode.brakes_without_targets and memory.q is not None:
+        if self._safe and memory.q is not None:
             v = self._plausible.believed(v, memory.v)
         model.plant.SetPositionsAndVelocities(
             workspace.plant_context, np.concatenate((q, v))
         )
         actuation = model.inverse_dynamics(workspace, solved.acceleration)
         torque_limit = solved.torque_limit
-        if self._efforts.finite:
-            actuation, excess = self._efforts.clipped(actuation)
+        if len(self._some_efforts):
+            actuation, excess = clip_torque(actuation, self.effort_limits)
             torque_limit = np.array([torque_limit[0], excess])
         solution = replace(solved, actuation=actuation, torque_limit=torque_limit)
         return memory.at_torque_tick(torque_tick, solution)
@@ -462,88 +636,24 @@ class ControlLaw:
     @property
     def brakes_without_targets(self) -> bool:
         """Whether a NaN in the targets makes the robot brake, not raise."""
-        return self.mode.brakes_without_targets
+        return self._safe and self.parameters.lookahead.lost_target == "brake"
 
-    def _brake(
-        self,
-        workspace: Workspace,
-        before: Memory,
-        tick: int,
-        measured: Measured,
-        regions: Regions | None,
-        status: float = STATUS_BRAKING,
-        lateness: Lateness | None = None,
-    ) -> Memory:
-        """q_ddot = -q_dot / T, and blend in when the targets are back, or the state."""
-        model = self.model
-        solution = Solution(
-            acceleration=-measured.v / self.parameters.braking_horizon,
-            task_error=np.full(model.m, np.nan),
-            signed_distances=model.state_here(measured).d[0],
-            constraint_weights=np.ones(model.n),
-            constrained_velocity=np.zeros(model.n),
-        )
-        regions = self._complete(solution, workspace, measured, status, regions)
-        after = measured.v + self._period * solution.acceleration
-        return Memory(
-            tick,
-            solution=solution,
-            q=measured.q[0],
-            v=after,
-            regions=regions,
-            sent=self._sent(before, solution),
-            lateness=lateness,
-        )
 
-    def _complete(
-        self,
-        solution: Solution,
-        workspace: Workspace,
-        measured: Measured,
-        status: float,
-        regions: Regions | None,
-        rows: np.ndarray | None = None,
-    ) -> Regions | None:
-        """Adds what follows from the accelerations, which effort limits and obstacles
-        may change; gives where these are a period on at most."""
-        self._efforts.limit(workspace, measured, solution, rows)
-        if regions is not None:
-            q, v = measured.q[0], measured.v
-            changed, regions = self.among.limit(regions, q, v, solution)
-            if changed:
-                vdot = solution.acceleration
-                self._efforts.take(workspace, measured, vdot, solution)
-        if self._balance is not None:
-            self._keep_balance(workspace, measured, solution)
-        solution.status = _STATUS[status]
-        return regions
-
-    def _keep_balance(
-        self, workspace: Workspace, measured: Measured, solution: Solution
-    ) -> None:
-        """Leaves of a solution what is balanced."""
-
-        def admit(vdot: np.ndarray):
-            if not self._efforts.within(workspace, vdot):
-                return None
-            found, reported = self.mode.admit_again(measured, vdot)
-            if np.array_equal(found, vdot) or self._efforts.within(workspace, found):
-                return found, reported
-            return None
-
-        vdot, reported = self._balance.limit(measured, solution.acceleration, admit)
-        solution.of_mode = {**solution.of_mode, **reported}
-        if vdot is not solution.acceleration:
-            self._efforts.take(workspace, measured, vdot, solution)
-
-    def _measure(self, workspace: Workspace, q: np.ndarray, v: np.ndarray) -> Measured:
-        """The state; and where the robot would come to rest, if the mode looks there
-        and SceneGraph has to be asked for distances."""
-        model, T = self.model, self.mode.horizon
-        if T is None or not model.pairs.needs_query:
-            return model.measure(workspace, q, v)
-        in_order = resting_configuration(*model.in_order(q, v), T)
-        return model.measure(workspace, q, v, *model.in_plant(in_order))
+def paper_gains(parameters: CrarParameters, num_pairs: int) -> PaperGains:
+    """The numbers of the paper's law; what is not given is NaN, or as the paper has
+    it."""
+    share = parameters.limit_share
+    return PaperGains(
+        damping=float(parameters.damping),
+        Gv=float(parameters.Gv),
+        GvN=math.nan if parameters.GvN is None else float(parameters.GvN),
+        rho=float(parameters.rho),
+        alpha=float(parameters.alpha),
+        beta=float(parameters.beta),
+        limit_share=composite_index(num_pairs) if share is None else float(share),
+        period=float(parameters.period),
+        velocity_level=parameters.level == "velocity",
+    )
 
 
 def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import Context, InputPort, LeafSystem
 
 from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.records import InputError
+from crar_drake.errors import InputError
 
 
 class ObstaclePort:

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crar_drake.control.modes.lookahead import LookaheadMode
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.records import InputError
 from crar_drake.control.tracking_error import joint_errors
+from crar_drake.equations.approach import Approach
 from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.moving_obstacles import (
     Evasion,
@@ -25,7 +24,7 @@ from crar_drake.equations.moving_obstacles import (
     are_clear,
     passing,
 )
-from crar_drake.errors import ScenarioError
+from crar_drake.errors import InputError, ScenarioError
 from crar_drake.law.spheres import MovingSpheres
 from crar_drake.law.step import Step
 from crar_drake.robot.model import ControlModel
@@ -167,34 +166,31 @@ class ObstacleFilter:
     def __init__(
         self,
         model: ControlModel,
-        mode: LookaheadMode,
         gains: CrarParameters,
+        approach: Approach,
         robot: Held,
+        T: float,
     ) -> None:
         """
         Args:
-            model, mode, gains: of the filter.
+            model, gains: of the law or the filter.
+            approach: of the rows.
             robot: holds its `Robot` in closed form.
+            T: braking time constant, which is fixed among obstacles [s].
 
         Raises:
             ScenarioError: a parameter does not go with obstacles.
         """
-        T, period = float(mode.horizon), float(gains.period)
+        period = float(gains.period)
         if not period < T:
             raise ScenarioError(
                 f"controller.lookahead.horizon: with moving obstacles it ({T:g} s) "
                 f"must be longer than the period ({period:g} s)"
             )
-        if mode.slower:
-            raise ScenarioError(
-                "controller.lookahead.longest_horizon: with moving obstacles one "
-                "horizon counts; make it the same as lookahead.horizon, or take "
-                "CrarParameters.among_obstacles()"
-            )
         speed = float(gains.lookahead.contact_speed)  # v_ok
         errors = joint_errors(gains.lookahead, model)
         links, self.links = watched_links(model, errors)
-        self._floor = mode.admission.floor
+        self._floor = float(gains.lookahead.floor)
         numbers = passing(T, period, self._floor, speed)
         self._period, self._robot = period, robot
         self._evades, self._smoothed = gains.lookahead.evade, 0.5 * T
@@ -202,8 +198,7 @@ class ObstacleFilter:
         slows = np.log(_FAST / (numbers.kappa * min(speed, _FAST)))  # (M1), to v_ok
         evasion = Evasion(1.0 / T, numbers.eta + numbers.T_star * slows, _WEIGHT)
         self._world = hold(WorldLaw(hold(links), numbers, evasion))
-        rows = mode.numbers.value.gains
-        self.constraint = MovingSpheres(robot, self._world, rows, self._floor)
+        self.constraint = MovingSpheres(robot, self._world, approach, self._floor)
 
     def regions(
         self,

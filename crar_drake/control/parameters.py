@@ -9,9 +9,8 @@ import numpy as np
 
 from crar_drake.control.checks import check_choice, check_numbers
 from crar_drake.control.lookahead_parameters import (
-    LONGEST_PLANNED_PERIOD,
     LookaheadParameters,
-    preview_horizon,
+    planned_braking_time,
     usual,
 )
 from crar_drake.errors import ModelError, ScenarioError
@@ -21,7 +20,6 @@ from crar_drake.robot.description import find_joint, is_speed_limit
 if TYPE_CHECKING:
     from crar_drake.robot.model import ControlModel
 
-# Of what `control.modes.MODES` has the classes.
 CONSTRAINTS = ["none", "paper", "lookahead"]
 LEVELS = ("velocity", "acceleration")
 METRICS = ("identity", "inertia")
@@ -131,8 +129,6 @@ class CrarParameters:
     def validate(self) -> None:
         """Checks every field; YAML loading does not.
 
-        `control.modes.validate` also asks the constraint mode whether they go with it.
-
         Raises:
             ScenarioError: names the field, its value and what it may be.
         """
@@ -162,6 +158,8 @@ class CrarParameters:
                 f"controller.limit_share: {self.limit_share} must be at most 1"
             )
         self.lookahead.validate()
+        if self.constraints == "lookahead":
+            self.check_lookahead()
         if self.balance is not None:
             self.balance.validate()
             if self.constraints != "lookahead":
@@ -312,23 +310,16 @@ class CrarParameters:
 
     @property
     def plans(self) -> bool:
-        """Whether accelerations are planned ahead, by a preview."""
-        if self.constraints != "lookahead":
-            return False
-        if self.lookahead.preview is not None:
-            return self.lookahead.preview > 0.0
-        if self.lookahead.preset is not None:
-            return True
-        calm = self.period <= LONGEST_PLANNED_PERIOD * (1.0 + 1e-9)
-        return calm and self.balance is None
+        """Whether the nominal is a plan."""
+        return self.constraints == "lookahead" and self.lookahead.plans
 
     @property
     def braking_horizon(self) -> float:
         """T of the lookahead [s]."""
         if self.lookahead.horizon is not None:
             return self.lookahead.horizon
-        if self.plans:
-            return preview_horizon(self.period)
+        if self.plans and self.balance is None:
+            return planned_braking_time(self.period)
         return _BRAKING_TIMES / self.Gv
 
     @property
@@ -338,6 +329,40 @@ class CrarParameters:
             return self.lookahead.longest_horizon
         longest = _BRAKING_TIMES / self.Gv if self.plans else 0.0
         return max(self.braking_horizon, longest)
+
+    def check_lookahead(self) -> None:
+        """Raises ScenarioError where a parameter does not go with the lookahead."""
+        if self.level == "velocity":
+            raise ScenarioError(
+                "controller.level: the lookahead constraints choose accelerations; "
+                "use level acceleration, or constraints paper"
+            )
+        T = self.braking_horizon
+        if self.period > T:
+            raise ScenarioError(
+                f"controller.period: {self.period:g} s must be at most the "
+                f"braking horizon, {T:g} s (controller.lookahead.horizon)"
+            )
+        ahead = self.lookahead
+        if ahead.longest_horizon is not None and ahead.longest_horizon < T:
+            raise ScenarioError(
+                f"controller.lookahead.longest_horizon: {ahead.longest_horizon:g} s "
+                f"must be at least the braking horizon, {T:g} s "
+                "(controller.lookahead.horizon)"
+            )
+        for name in ("approach_rate", "limit_approach_rate"):
+            rate = getattr(ahead, name) or 0.0
+            if math.isfinite(rate) and rate * self.period > 1.0 + 1e-9:
+                raise ScenarioError(
+                    f"controller.lookahead.{name}: at a control period of "
+                    f"{self.period:g} s {rate:g}/s would lead beyond the margin "
+                    f"within a period; choose at most {1.0 / self.period:g}/s"
+                )
+        if self.metric != "identity" and self.plans:
+            raise ScenarioError(
+                f"controller.metric: {self.metric!r} belongs to the paper's law "
+                "(constraints paper or none, or lookahead.nominal: paper)"
+            )
 
     def among_obstacles(self) -> "CrarParameters":
         """These, with one braking horizon, as obstacles that move ask for.

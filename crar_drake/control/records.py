@@ -6,15 +6,16 @@ With what is measured (`equations.kinematics.Measured`), what is wanted
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from crar_drake.control.constraints import Braking
 from crar_drake.control.lateness import Lateness
 from crar_drake.equations.references import BlendStart
-from crar_drake.errors import CrarError
+from crar_drake.errors import InputError
+from crar_drake.robot.model import ControlModel
 
 # Values of the diagnostic "status".
 STATUS_TRACKING = 0.0  # the targets as given
@@ -23,16 +24,12 @@ STATUS_BRAKING = 2.0  # a target is NaN: coming to rest
 STATUS_IMPLAUSIBLE = 3.0  # no robot has the measured state: coming to rest
 
 
-class InputError(CrarError):
-    """A value that reached the controller at run time cannot be used."""
+_NAN = np.full(4, np.nan)
 
 
 @dataclass(slots=True)
 class Solution:
     """The results of one control step.
-
-    The constraint mode makes it, with what stands first; the law adds what follows from
-    the accelerations once the effort limits have had their say.
 
     Attributes:
         acceleration: (nv,) commanded accelerations of all joints: alpha_c of
@@ -40,54 +37,67 @@ class Solution:
             are held for a control period.
         task_error: (m,) Eq. (11) against the targets as given, before blending and task
             weights [rad, m].
-        signed_distances: (Nc,) per watched pair [m].
         constraint_weights: (n,) diagonal of W.
         constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
-        of_mode: the constraint mode's own diagnostics, by name.
-        kept: what the mode wants to have again in the next step; never changed in
-            place.
+        admission: (4,) how the step was found (0 nominal, 1 corrected, 2 scaled towards
+            braking), the share of the nominal step, a bound from below for all
+            distances on the next braking path [m], and 1 if the present one is clear,
+            else 0, the last two NaN if a watched pair is not examined. This and the
+            next two are NaN unless constraints are "lookahead".
+        balance: (3,) the same where the ground objected, without the last, and what it
+            has left [m of the weight's arm]; NaN without `controller.balance`.
+        T: (1,) braking time constant of the step [s].
+        kept: `law.nominal.Nominal.kept`, for the next step; never changed in place.
         actuation: (nu,) efforts of the accelerations at the state that they were last
             computed for, in the order of the plant's actuators [Nm or N].
         position_command: (nq + nv,) the q and v that the accelerations lead to
             in one control period, see `equations.prediction`.
         status: (1,) STATUS_TRACKING, STATUS_BLENDING, STATUS_BRAKING or
             STATUS_IMPLAUSIBLE.
-        torque_limit: (2,) how much the effort limits left of the way from braking to
-            the nominal accelerations, 1 where they are not active or not respected; and
+        torque_limit: (2,) how much the step left of the way from braking to the
+            nominal accelerations where motors had not the torque for these, else 1; and
             by which share of its limit the worst actuator was beyond it before
-            clipping, see `equations.torque_limit`. The share is decided in the control
-            step; the excess is that of `actuation`.
+            clipping. The share is decided in the control step; the excess is that of
+            `actuation`.
         obstacle: that moves by itself, and the link that it holds back; None of none.
+        measured: the model, and (nq,), (nv,) the state of the control step.
     """
 
     acceleration: np.ndarray
     task_error: np.ndarray
-    signed_distances: np.ndarray
     constraint_weights: np.ndarray
     constrained_velocity: np.ndarray
-    of_mode: Mapping[str, np.ndarray] = field(default_factory=dict)
+    admission: np.ndarray = field(default_factory=lambda: _NAN[:4])
+    balance: np.ndarray = field(default_factory=lambda: _NAN[:3])
+    T: np.ndarray = field(default_factory=lambda: _NAN[:1])
     kept: Any = None
     actuation: np.ndarray | None = None
     position_command: np.ndarray | None = None
     status: np.ndarray | None = None
     torque_limit: np.ndarray | None = None
     obstacle: tuple[str, str] | None = None
+    measured: tuple[ControlModel, np.ndarray, np.ndarray] | None = None
+
+    @property
+    def signed_distances(self) -> np.ndarray:
+        """(Nc,) per watched pair, where the robot was in the control step [m]."""
+        model, q, _ = self.measured
+        return model.signed_distances(q)
 
     @property
     def resting_margins(self) -> np.ndarray:
         """(2,) where the robot would come to rest: the smallest distance [m] and the
         smallest margin to a joint limit [rad]; NaN unless constraints are
         "lookahead"."""
-        return self.of_mode.get("resting_margins", np.full(2, np.nan))
-
-    @property
-    def admission(self) -> np.ndarray:
-        """(4,) how the step was admitted (0 nominal, 1 corrected, 2 scaled
-        towards braking), the share of the nominal step, a bound from below for all
-        distances on the next braking path [m], and 1 if the present one is clear, else
-        0, the last two NaN if a watched pair is not examined; all NaN unless
-        constraints are "lookahead"."""
-        return self.of_mode.get("admission", np.full(4, np.nan))
+        if np.isnan(self.T[0]):
+            return _NAN[:2]
+        model, q, v = self.measured
+        there, rate = model.in_order(q, v)
+        there = there + self.T[0] * rate
+        distances = model.signed_distances(model.in_plant(there)[0])
+        joints = there[: model.n]
+        margins = np.minimum(joints - model.lower, model.upper - joints)
+        return np.array([distances.min(initial=np.inf), margins.min()])
 
 
 @dataclass(slots=True)
@@ -111,8 +121,7 @@ class Memory:
     start_time: float | None = None  # when blending began [s], None if it has yet to
     # what was measured then; None if it has yet to begin
     start: BlendStart | None = None
-    # the `control.obstacles.Regions` of the next step; None without any
-    regions: Any = None
+    braking: Braking = Braking()  # what is known of the next state's braking path
     # accelerations (nv,) that were commanded, the newest first; as many as
     # `CrarParameters.latency` and `lateness` need
     sent: tuple[np.ndarray, ...] = ()
@@ -131,7 +140,7 @@ class Memory:
             self.continues,
             self.start_time,
             self.start,
-            self.regions,
+            self.braking,
             self.sent,
             self.lateness,
         )

@@ -12,26 +12,19 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
 from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crar_drake.control.modes.lookahead import LookaheadMode
-from crar_drake.control.obstacles import ObstacleFilter, Obstacles, Regions
+from crar_drake.control.constraints import Braking, RobotConstraints
+from crar_drake.control.obstacles import ObstacleFilter, Obstacles
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
-from crar_drake.control.plausible import fastest_asked
-from crar_drake.control.records import InputError
-from crar_drake.equations.references import TaskGains
-from crar_drake.errors import ModelError, ScenarioError, nearest
+from crar_drake.errors import InputError, ModelError, ScenarioError, nearest
 from crar_drake.law.joint_command import JointCommand, all_finite
-from crar_drake.law.limits import Limits
 from crar_drake.law.motors import Motors
-from crar_drake.law.pairs import Pairs
 from crar_drake.law.spheres import MovingSpheres
-from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED, State, Step, step
-from crar_drake.robot.balls import find_balls, robot_in_closed_form
+from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED, Constraint, State, Step
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
 
@@ -49,14 +42,13 @@ _APPROACH = 100.0
 _INFLUENCE = 0.1
 # T of the control law, unless it is given [s].
 _HORIZON = CrarParameters().longest_braking_horizon
-# Braking time constants are these times T: shorter ones where a robot moves so fast at
-# the start that its path over T is not collision-free, longer ones for weak motors [1].
-_SHORTER, _LONGER = (0.2, 0.34, 0.58), (1.6, 2.6, 4.2)
+# Other braking time constants are these times T: shorter ones where a robot moves so
+# fast at the start that its path over T is not collision-free, longer ones for weak
+# motors [1].
+_OTHERS = (0.2, 0.34, 0.58, 1.6, 2.6, 4.2)
 # Gains of the control law that a filter has no use for: so small that no period is too
 # long for them.
 _NO_FEEDBACK = {"K": 1e-6, "Kp": 1e-6, "Gv": 1e-6}
-
-_NOTHING = np.zeros(0)
 
 
 def filter_parameters(period: float) -> LookaheadParameters:
@@ -161,10 +153,7 @@ class FilterMemory:
     # (n,) the position that was wanted, None if none was
     desired: np.ndarray | None = None
     following: bool = False  # whether the command was the wanted one
-    known: bool = False  # whether its braking path is known to be clear
-    T: float = 0.0  # over which [s]; 0 before the first step
-    # where obstacles are at the next step at most; None without any
-    regions: Regions | None = None
+    braking: Braking = Braking()  # what is known of its braking path
     command: FilterCommand | None = None  # all of it; None before the first step
 
     def __deepcopy__(self, memo: dict) -> FilterMemory:
@@ -241,7 +230,10 @@ class SafetyFilter:
                 "filter.lookahead.preview: a filter of joints has no tasks to plan "
                 "for; leave it and the preset out"
             )
-        ahead = replace(ahead, preview=0.0)
+        # A speed of 16 rad/s, and limits that may be approached at any rate.
+        ahead = replace(ahead, nominal="paper")
+        if ahead.limit_approach_rate is None:
+            ahead = replace(ahead, limit_approach_rate=np.inf)
         if ahead.horizon is None:
             ahead = replace(ahead, horizon=_HORIZON)
         if ahead.approach_rate is None:
@@ -256,45 +248,26 @@ class SafetyFilter:
         )
         with self._refusing():
             gains.validate()
-            LookaheadMode.check(gains)
         self.parameters = gains
         self.model = model = _joint_model(robot, effort_limits)
         self._period = float(period)
         self.joint_names = tuple(model.joint_names)
         self._n = model.n
         self._at = {name: i for i, name in enumerate(self.joint_names)}
-        nothing = TaskGains(0.0, 0.0, 0.0, 0.0, _NOTHING)
+        T = gains.braking_horizon
+        approach = gains.lookahead.filled(period).approach()
+        self._speed = approach.fastest
         with self._refusing():
-            mode = LookaheadMode(model, gains, nothing, self.period)
-        self._T = float(mode.horizon)
-        self._choices = [share * self._T for share in (*_SHORTER, 1.0, *_LONGER)]
-        self._choices = [T for T in self._choices if T >= 1.6 * self._period]
-        numbers = mode.numbers.value.gains
-        self._speed = numbers.nominal_speed_limit
-        rows = model.pairs.closed_rows
-        robot = robot_in_closed_form(model, mode.robot)
-        self.pairs = Pairs(
-            robot,
-            mode.reaches,
-            find_balls(model, mode.losses),
-            [model.pairs.names[i] for i in model.pairs.pair_of_shapes[rows]],
-            mode.admission.floor,
-            numbers,
-        )
-        fastest = gains.speed_limits(model)[model.controlled]
-        self.limits = Limits(
-            *(mode.lower, mode.upper, np.minimum(fastest, fastest_asked(model))),
-            *(numbers.retreat_rate, numbers.joint_retreat_speed),
-        )
-        self.constraints = [self.limits, self.pairs]
-        self.motors = None
-        limits = gains.effort_limits(model)
-        if np.isfinite(limits).any():
-            self.motors = Motors(model, limits)
-            self.constraints.append(self.motors)
-        self._examines_all = not model.pairs.not_examined
-        self._mode, self._robot = mode, robot
+            self._robot = RobotConstraints(
+                *(model, gains, approach, T),
+                *([share * T for share in _OTHERS], self._period),
+            )
         self.reset()
+
+    @property
+    def constraints(self) -> list[Constraint]:
+        """Of a step; those of a user may be appended."""
+        return self._robot.all
 
     @property
     def period(self) -> float:
@@ -400,129 +373,40 @@ class SafetyFilter:
             What the next step is to be given, with the `command`.
         """
         error, worst = self._tracking(memory, measured)
-        regions = memory.regions
+        before = memory.braking
         if obstacles is not None:
-            regions = self.among.regions(regions, obstacles, memory.q, memory.v)
+            given = before.regions, obstacles, memory.q, memory.v
+            before = replace(before, regions=self.among.regions(*given))
         desired = self._desired(memory, q, v, a)
         if not desired.is_finite():
-            return self._brake(memory, NO_NUMBER, error, worst, regions)
-        state = self._state(memory, desired)
-        state.T = self._time_constant(state, memory, regions)
+            return self._brake(memory, before, NO_NUMBER, error, worst)
+
+        def nominal(T: float) -> np.ndarray:
+            return desired.nominal(
+                *(memory.q, memory.v, memory.desired, T, self._period, self._speed)
+            )
+
+        state = self._robot.state(memory.q, memory.v, before, nominal)
         q_next, v_next, s = desired.step(memory.q, memory.v, state.T, self._period)
         if not all_finite(s):
-            return self._brake(memory, NO_SENSE, error, worst, regions)
+            return self._brake(memory, before, NO_SENSE, error, worst)
         # Lest the robot leap, what was held back catches up no faster than this.
         calm = memory.following or np.abs(s).max() <= self._speed
-        state.desired, safe_of = s if calm else None, None
-        if regions is None:
-            found = step(state, self.constraints)
-        else:
-            found, safe_of = self.among_obstacles(state, regions)
+        state.desired = s if calm else None
+        found, braking = self._robot.step(state, before.regions)
         if found.how != AS_NOMINAL or found.s is not s:
             v_next = state.v + self._period * ((found.s - state.v) / state.T)
             q_next = state.q + self._period * v_next
-        report = self._report(state, found, s, calm, regions, error, worst)
+        report = self._report(state, found, s, calm, before, error, worst)
         command = FilterCommand(
             *(self.joint_names, q_next, v_next),
             *((v_next - state.v) / self._period, report),
         )
-        if regions is not None:
-            regions = regions.later(self._period, safe_of)
         # The command is the user's, who may change it.
         return FilterMemory(
-            q_next.copy(),
-            v_next.copy(),
-            desired.q,
-            report.how == NOMINAL,
-            self.pairs.present_is_clear,
-            state.T,
-            regions,
-            command,
+            *(q_next.copy(), v_next.copy(), desired.q),
+            *(report.how == NOMINAL, braking, command),
         )
-
-    def among_obstacles(
-        self, state: State, regions: Regions
-    ) -> tuple[Step, np.ndarray]:
-        """The step of a state of all joints, among obstacles.
-
-        Returns:
-            The step; (N,) bool, of which obstacles the next state is safe.
-        """
-        spheres = self.among.place(regions)
-        found = step(state, [*self.constraints, spheres])
-        return found, spheres.clear_after(found.how == SCALED and found.share == 0.0)
-
-    def left_among_obstacles(
-        self, state: State, regions: Regions
-    ) -> tuple[Step, np.ndarray]:
-        """What is left among obstacles of the nominal, of which pairs, limits and
-        motors are known to be safe; as `among_obstacles`."""
-        spheres = self.among.place(regions)
-        spheres.begin(state)
-        if not state.recovering:
-            check = spheres.examine(state, state.nominal, False)
-            if check.safe:
-                clearances = {spheres.name: check.clearance}
-                found = Step(state.nominal, AS_NOMINAL, 1.0, {}, clearances)
-                return found, spheres.clear_after(False)
-        return self.among_obstacles(state, regions)
-
-    def _state(self, memory: FilterMemory, desired: JointCommand) -> State:
-        """The state of a step whose T is that of the step before."""
-
-        def nominal() -> np.ndarray:
-            return desired.nominal(
-                *(state.q, state.v, memory.desired),
-                *(state.T, self._period, self._speed),
-            )
-
-        state = State(
-            *(memory.q, memory.v, self._n, memory.T or self._T),
-            *(self._period, self._period, nominal, memory.known),
-        )
-        return state
-
-    def _time_constant(
-        self, state: State, memory: FilterMemory, regions: Regions | None
-    ) -> float:
-        """T of this step [s]: that of the step before, or the next that will do.
-
-        It grows only onto a braking path that is collision-free and within the limits.
-        Among obstacles it is fixed.
-        """
-        if regions is not None:
-            state.known &= memory.T == self._T
-            return self._T
-        if self.motors is None and memory.T >= self._T:
-            return memory.T
-
-        def is_clear(T: float) -> bool:
-            end = state.q + T * state.v
-            inside = (self.limits.lower <= end) & (end <= self.limits.upper)
-            return bool(inside.all()) and self.pairs.is_clear(state.q, state.v, T)
-
-        if not memory.T:  # the first step
-            if is_clear(self._T):
-                state.known = True
-                return self._T
-            state.T = 0.0
-        shorter = [T for T in self._choices if state.T < T <= self._T]
-        T = state.T
-        for longer in shorter:
-            if not is_clear(longer):
-                break
-            T, state.known = longer, True
-        T = T or self._T
-        if self.motors is None:
-            return T
-        state.T = T
-        choices = sorted({min(T, self._T), T, *(x for x in self._choices if x > T)})
-        chosen = self.motors.braking_time_constant(
-            state, (state.nominal - state.v) / T, choices, is_clear
-        )
-        del state.nominal  # which is another with another T
-        state.known |= chosen > T
-        return chosen
 
     def _report(
         self,
@@ -530,28 +414,29 @@ class SafetyFilter:
         found: Step,
         s: np.ndarray,
         calm: bool,
-        regions: Regions | None,
+        before: Braking,
         error: float,
         worst: str | None,
     ) -> FilterReport:
         """What became of a desired step s (n,)."""
+        of, regions = self._robot, before.regions
         how = found.how if found.s is s else max(found.how, CORRECTED)
         why, joint, pair, objections = "", None, None, found.objections
-        if self.pairs.name in objections:
-            why, index = self.pairs.name, objections[self.pairs.name].index
-            pair = self.pairs.names[index] if index >= 0 else None
+        if of.pairs.name in objections:
+            why, index = of.pairs.name, objections[of.pairs.name].index
+            pair = of.pairs.names[index] if index >= 0 else None
         if how != AS_NOMINAL:
             # The nominal is within the bounds, the command may not have been.
-            check = self.limits.examine(state, s, False)
+            check = of.limits.examine(state, s, False)
             if not check.safe:
                 why, joint = check.reason, check.index
             elif not why and not calm:
                 why, joint = CATCHING_UP, int(np.argmax(np.abs(s)))
         for name, check in objections.items():
-            if name not in (self.pairs.name, self.limits.name):
+            if name not in (of.pairs.name, of.limits.name):
                 why = check.reason or name
-            if self.motors is not None and name == self.motors.name:
-                joint = self.motors.joint_of(check.index)
+            if of.motors is not None and name == of.motors.name:
+                joint = of.motors.joint_of(check.index)
         obstacle = None
         of_regions = {}
         if regions is not None:
@@ -561,17 +446,16 @@ class SafetyFilter:
             left = found.clearances.get(OBSTACLE, np.nan)
             of_regions = {
                 "obstacle": obstacle,
-                "obstacle_clearance": left if self._examines_all else np.nan,
+                "obstacle_clearance": left if of.examines_all else np.nan,
                 "too_fast": regions.too_fast,
             }
         if how != AS_NOMINAL and not why:
             # Nothing is wrong with the command but what is violated already.
-            why = self.pairs.name
-            if self.pairs.present_is_clear:
-                beyond = self.limits.beyond(state.q)
-                why, joint = self.limits.name, int(np.argmax(beyond))
-        clearance = found.clearances.get(self.pairs.name, self.pairs.least_kept)
-        clear = self.pairs.present_is_clear
+            why = of.pairs.name
+            if of.pairs.present_is_clear:
+                beyond = of.limits.beyond(state.q)
+                why, joint = of.limits.name, int(np.argmax(beyond))
+        clear = of.pairs.present_is_clear
         if regions is not None:
             clear = clear and bool(regions.clear.all())
         return FilterReport(
@@ -580,7 +464,7 @@ class SafetyFilter:
             why,
             pair,
             None if joint is None else self.joint_names[joint],
-            float(clearance) if self._examines_all else np.nan,
+            of.clearance(found),
             clear,
             error,
             worst,
@@ -589,7 +473,7 @@ class SafetyFilter:
             **of_regions,
         )
 
-    @cached_property
+    @property
     def among(self) -> ObstacleFilter:
         """What keeps links from obstacles.
 
@@ -597,7 +481,7 @@ class SafetyFilter:
             ScenarioError: a parameter does not go with them.
         """
         with self._refusing():
-            return ObstacleFilter(self.model, self._mode, self.parameters, self._robot)
+            return self._robot.among
 
     @contextmanager
     def _refusing(self) -> Iterator[None]:
@@ -685,30 +569,29 @@ class SafetyFilter:
     def _brake(
         self,
         memory: FilterMemory,
+        before: Braking,
         why: str,
         error: float,
         worst: str | None,
-        regions: Regions | None,
     ) -> FilterMemory:
         """q_ddot = -q_dot / T: a part of the present braking path."""
-        state = self._state(memory, JointCommand(v=np.zeros(self._n)))
-        T = self._time_constant(state, memory, regions)
-        vdot = -memory.v / T
+        still = np.zeros(self._n)
+        state = self._robot.state(memory.q, memory.v, before, lambda T: still)
+        vdot = -memory.v / state.T
         v = memory.v + self._period * vdot
         q = memory.q + self._period * v
-        known = clear = state.known
-        too_fast = ()
+        clear, regions, too_fast = state.known, before.regions, ()
         if regions is not None:
-            clear, too_fast = known and bool(regions.clear.all()), regions.too_fast
+            clear, too_fast = clear and bool(regions.clear.all()), regions.too_fast
             regions = regions.later(self._period)
         report = FilterReport(
             *(BRAKING, 0.0, why, None, None, np.nan, clear, error, worst),
             too_fast=too_fast,
-            T=T,
+            T=state.T,
         )
         command = FilterCommand(self.joint_names, q, v, vdot, report)
-        q, v = q.copy(), v.copy()
-        return FilterMemory(q, v, None, False, known, T, regions, command)
+        braking = Braking(state.T, state.known, regions)
+        return FilterMemory(q.copy(), v.copy(), None, False, braking, command)
 
 
 def _joint_model(

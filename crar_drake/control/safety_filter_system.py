@@ -13,13 +13,13 @@ from pydrake.systems.framework import (
 )
 
 from crar_drake.control.obstacle_port import ObstaclePort
-from crar_drake.control.records import InputError
 from crar_drake.control.safety_filter import (
     BRAKING,
     NOMINAL,
     FilterMemory,
     SafetyFilter,
 )
+from crar_drake.errors import InputError
 
 # What the diagnostics call the ways a command came about.
 HOW = (NOMINAL, "corrected", "scaled", BRAKING)

@@ -1,16 +1,11 @@
-"""The admission of a control step: its braking path stays clear (A1)-(A6).
+"""Bounds of distances on a whole path, (A1)-(A6).
 
 Under q_ddot = -q_dot/T the robot moves on the straight line in joint space from q to
-q_s = q + T q_dot: its *braking path*. A state is *clear* if every watched pair of
-shapes keeps a floor on the whole path, and q_s is within the joint limits. Braking
-leads from a clear state to a clear one, whose path is part of the first. So a step is
-admitted only if the next state is clear, too: as the guard has it, else corrected,
-else scaled towards braking, which always is. `docs/theory/theorem.md` has theorem and
-proof.
+q_s = q + T q_dot: its *braking path*. `docs/theory/theorem.md` has what follows.
 
-Clear is found for the whole of a path, by bounds and not by samples: two capsules or
-convex hulls are at least as far apart as their shadows on any fixed direction, and how
-a shadow moves is known to the second order.
+That a pair keeps a distance is found for the whole of a path, by bounds and not by
+samples: two capsules or convex hulls are at least as far apart as their shadows on any
+fixed direction, and how a shadow moves is known to the second order.
 """
 
 from typing import NamedTuple
@@ -25,11 +20,6 @@ from crar_drake.equations.placed_shapes import distances_at, own_velocities, pla
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.vectors import put, put_at, transposed_times
 
-# How a step was admitted.
-AS_NOMINAL = 0.0
-CORRECTED = 1.0
-SCALED = 2.0
-
 # A path is halved so often before a pair that is not shown to be clear counts as not.
 # Each halving leaves a quarter of what curvature takes from a part's bound, (A4): seven
 # leave less than 1/10,000 of it.
@@ -37,8 +27,6 @@ _HALVINGS = 7
 # Where a pair is known not to be clear, the worst place is sought among so many halves:
 # to a sixteenth of the path, which is all that a row needs to point the right way.
 _SEARCHED = 4
-# A step is scaled to one of 2^this shares; each bisection checks all pairs anew.
-BISECTIONS = 6
 # A distance below the floor by less than this is at the floor [m]: rounding, of doubles
 # and robots' sizes, comes nowhere near it.
 ROUNDING = 1e-9
@@ -448,160 +436,3 @@ class AdmissionGains(NamedTuple):
     period: float  # of the controller [s]
     step: float  # of the plant [s], 0 if it moves continuously
     floor: float  # the distance that pairs keep on every braking path [m]
-
-
-class Present(NamedTuple):
-    """What is known of the present braking path."""
-
-    low: np.ndarray  # (Np,) no distance is smaller [m]; a guess where not clear
-    # (Np,) the floor; where a pair is not clear, the smallest distance seen, unless
-    # that is none (NaN)
-    level: np.ndarray
-    held: bool  # whether every pair is shown to be clear, but for rounding
-
-
-@compiled
-def examine_present(
-    q: np.ndarray,
-    v: np.ndarray,
-    s: np.ndarray,
-    d: np.ndarray,
-    r: Robot,
-    reaches: Held,
-    gains: AdmissionGains,
-) -> Present:
-    """The present braking path, as closely as a step of the velocity s needs it.
-
-    Args:
-        q, v: (nq,), (nv,) state.
-        s: (nv,) the velocity of the guard.
-        d: (2, Nr) distances of all rows at q and at q_s [m].
-    """
-    x, straight = gains.T * v, np.zeros(len(v))
-    here = reaching(q, x, straight, reaches)
-    beyond = here
-    if len(here.value.slides):
-        start, ahead = next_path(q, v, s, gains.T, gains.period, gains.step)
-        beyond = reaching(start, ahead, straight, here)
-    ends = d[:, reaches.value.rows]
-    low = 0.5 * (ends[0] + ends[1] - travel(x, here))
-    level = np.full(len(low), gains.floor)
-    needed = gains.floor + travel(step_reach(gains) * s, beyond)
-    # A distance that is none (NaN) is below whatever is needed.
-    found = path_bounds(
-        q, x, straight, level - ROUNDING, ~(low >= needed), r, here, False
-    )
-    held = True
-    for pair in range(len(low)):
-        if found.low[pair] < np.inf:
-            low[pair] = max(low[pair], found.low[pair])
-        if found.at[pair] >= 0.0:
-            low[pair], held = min(found.d[pair], gains.floor), False
-        if np.isfinite(low[pair]):
-            level[pair] = min(low[pair], gains.floor)
-    return Present(low, level, held)
-
-
-@compiled
-def step_reach(gains: AdmissionGains) -> float:
-    """(A6): the next braking path is nowhere farther than this times s from the present
-    one, period + e of `next_path` [s]."""
-    return gains.period + 0.5 * gains.period * (gains.period + gains.step) / gains.T
-
-
-class Checked(NamedTuple):
-    """What a step of some velocity s leads to."""
-
-    clear: bool  # whether every pair keeps its level on the way and on the next path
-    clearance: float  # no distance there is smaller, if it is clear [m]
-    start: np.ndarray  # (nq,) where the next braking path begins
-    x: np.ndarray  # (nv,) and where it leads from there
-    bounds: Bounds  # of it
-
-
-@compiled
-def check_step(
-    q: np.ndarray,
-    v: np.ndarray,
-    s: np.ndarray,
-    present: Present,
-    r: Robot,
-    reaches: Held,
-    gains: AdmissionGains,
-) -> Checked:
-    """Whether s leads to a state that is clear, on a way that is.
-
-    The next path, and the way to it, are near the present path (A6), which is all that
-    most pairs need. For the others both are examined. The way is a parabola, of a
-    plant that moves in steps through each of its states:
-
-        q + t period q_dot + (t^2 period^2 + t period step) q_ddot / 2.
-
-    Its chord is examined, too, on which a robot is moved that interpolates between
-    `position_command`s. Of pairs that are not clear only the next path is asked: else a
-    robot that rests in a penetration could never leave it.
-
-    Args:
-        q, v, s: (nq,), (nv,), (nv,) state, and velocity of q_s.
-    """
-    T, period, level = gains.T, gains.period, present.level
-    start, x = next_path(q, v, s, T, period, gains.step)
-    straight = np.zeros(len(x))
-    reaches = reaching(q, T * v, straight, reaches)
-    reaches = reaching(start, x, straight, reaches)
-    near = present.low - travel(step_reach(gains) * s, reaches)
-    bounds = path_bounds(start, x, straight, level, ~(near >= level), r, reaches, False)
-    clear = not (bounds.at >= 0.0).any()
-    clearance = np.inf
-    for pair in range(len(level)):
-        clearance = min(
-            clearance,
-            max(near[pair], bounds.low[pair])
-            if bounds.low[pair] < np.inf
-            else near[pair],
-        )
-    if clear:
-        e = 0.5 * period * (period + gains.step) / T
-        on_way = present.low - travel(e * s, reaches)
-        # A pair that is not clear now may be nearest where the way begins.
-        asked = ~(on_way >= level) & (level >= gains.floor - ROUNDING)
-        if asked.any():
-            bend = (0.5 * period * period / T) * (s - v)
-            along = period * v + (0.5 * period * gains.step / T) * (s - v)
-            way = path_bounds(q, along, bend, level, asked, r, reaches, False)
-            clear = not (way.at >= 0.0).any()
-            if clear:
-                way = path_bounds(
-                    *(q, start - q, straight, level, asked, r, reaches, False)
-                )
-                clear = not (way.at >= 0.0).any()
-    return Checked(clear, clearance, start, x, bounds)
-
-
-@compiled
-def scale_step(
-    q: np.ndarray,
-    v: np.ndarray,
-    s: np.ndarray,
-    present: Present,
-    r: Robot,
-    reaches: Held,
-    gains: AdmissionGains,
-) -> tuple[float, float]:
-    """The largest share of s, of 2^-6 multiples, that bisection finds to be clear.
-
-    Braking, the share 0, leads to a part of the present path, and needs no check.
-
-    Returns:
-        The share, and the clearance that goes with it [m].
-    """
-    clear, failed = 0.0, 1.0
-    clearance = present.low.min() if len(present.low) else np.inf
-    for _ in range(BISECTIONS):
-        share = 0.5 * (clear + failed)
-        checked = check_step(q, v, share * s, present, r, reaches, gains)
-        if checked.clear:
-            clear, clearance = share, checked.clearance
-        else:
-            failed = share
-    return clear, clearance

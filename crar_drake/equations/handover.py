@@ -7,21 +7,12 @@ An array goes into compiled code in a fifth of a microsecond, a tuple of arrays 
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.references import BlendStart, Targets
 
 
-def hand_over(measured: Measured, targets: Targets) -> tuple:
-    """State and targets as arguments of a compiled step, which begins with `take_over`
-    of all but the first three.
-
-    Returns:
-        (nq,) q, (nv,) v and what was asked of SceneGraph; then the targets.
-    """
+def hand_over(targets: Targets) -> tuple:
+    """Targets as arguments of a compiled step, which begins with `take_over`."""
     return (
-        measured.q[0],
-        measured.v,
-        measured.asked,
         targets.tasks,
         targets.prescribed,
         targets.posture,

@@ -356,13 +356,14 @@ def find_state(measured: Measured, r: Robot) -> State:
 
 
 @compiled
-def row_distances(measured: Measured, r: Robot) -> np.ndarray:
-    """The signed distances of a state alone, (K, Nr) [m]."""
+def state_distances(measured: Measured, robot: Held) -> np.ndarray:
+    """The signed distances of one configuration alone, (Nr,) [m]."""
+    r = robot.value
     tree = r.tree.value
     X = link_poses(measured.q, tree, tree.every)
     points = place_points(X, r.selection, r.first)
     d, _, _ = nearest_of_pairs(points, measured.asked, r.pairs.value)
-    return d.reshape(len(points), -1)
+    return d
 
 
 @compiled

@@ -17,19 +17,18 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.admission import ROUNDING
+from crar_drake.equations.approach import (
+    Approach,
+    margin_curvature,
+    pair_margins,
+    pair_rates,
+)
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.kinematics import (
     Robot,
     joint_motion,
     link_poses,
     place_points,
-)
-from crar_drake.equations.lookahead_rows import (
-    Constraints,
-    LookaheadGains,
-    margin_curvature,
-    pair_constraints,
-    pair_margins,
 )
 from crar_drake.equations.path_balls import least_length
 from crar_drake.equations.vectors import times
@@ -583,14 +582,15 @@ def sphere_rows(
     v: np.ndarray,
     s_0: np.ndarray,
     spheres: Spheres,
-    gains: LookaheadGains,
+    approach: Approach,
     r: Robot,
     law: Held,
-) -> Constraints:
-    """The rows (L3), (L4) of the spheres that s_0 could bring links to.
+) -> tuple[np.ndarray, np.ndarray]:
+    """g (C, n), least (C,): the rows (L3), (L4) of the spheres that s_0 could bring
+    links to.
 
     As `law.pairs.pair_rows`, of the nearest shape of each link, with a drift of -V,
-    but of no more than v_ok: what flees faster would not be admitted.
+    but of no more than v_ok: what flees faster would not be safe.
 
     Args:
         q, v: (n,), (n,) state.
@@ -604,15 +604,15 @@ def sphere_rows(
     here = place_links(q, r, links)
     there = place_links(q + line.x, r, links)
     # A row binds at h = d_min + (drift - g s) / approach_rate.
-    ahead = (times(reach, np.abs(s_0)) + numbers.harmless) / gains.approach_rate
-    ahead = np.minimum(ahead, gains.influence_distance - gains.distance_margin)
+    ahead = (times(reach, np.abs(s_0)) + numbers.harmless) / approach.approach_rate
+    ahead = np.minimum(ahead, approach.influence_distance - approach.distance_margin)
     bend = 0.125 * path_curvature(line, reach, links) + ahead
     near, _ = links_near(
         here[3 * n : 3 * n + L],
         there[3 * n : 3 * n + L],
         bend,
         np.zeros(L),
-        gains.distance_margin,
+        approach.distance_margin,
         spheres,
         links,
     )
@@ -625,9 +625,10 @@ def sphere_rows(
             i, o = near[k, 0], near[k, 1]
             d[end, k], g[end, k], _ = link_gradient(i, o, at, S_world, spheres, links)
             drift[end * len(near) + k] = -min(spheres.speed[o], numbers.harmless)
-    h = pair_margins(d, g, v, gains.T)
-    drift = drift + margin_curvature(g, v)
-    return pair_constraints(h, h, g.reshape(len(h), n), drift, np.zeros(n), gains)
+    h = pair_margins(d, g, v, numbers.T)
+    some = np.flatnonzero(h < approach.influence_distance)
+    least = pair_rates(h, approach) - drift - margin_curvature(g, v)
+    return g.reshape(len(h), n)[some], least[some]
 
 
 @compiled

@@ -6,13 +6,14 @@ of s by which q'_s is within the limits and q_dot' within the speeds. A limit th
 braking path passes already counts as where it ends, a speed that is exceeded as what
 braking leaves of it: nothing gets worse.
 
-A joint that rests beyond a limit is to come back: the rows ask for
-g s >= min(gamma (limit - q_s), speed).
+Rows: the bounds; and within a margin of a limit how fast a joint that would rest there
+comes back, outside of it how fast it may come near, (L7), if there is such a rate.
 """
 
 import numpy as np
 
 from crar_drake.equations.admission import velocity_bounds
+from crar_drake.equations.approach import Approach
 from crar_drake.equations.compilation import compiled
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
@@ -38,19 +39,21 @@ class Limits:
         lower: np.ndarray,
         upper: np.ndarray,
         fastest: np.ndarray,
-        retreat_rate: float,
-        retreat_speed: float,
+        approach: Approach,
     ) -> None:
         """
         Args:
             lower, upper, fastest: as of the attributes.
-            retreat_rate: gamma, how fast a joint comes back from beyond a limit [1/s],
-                but at most at
-            retreat_speed: [rad/s or m/s].
+            approach: of the rows.
         """
         self.lower, self.upper, self.fastest = lower, upper, fastest
         self._beyond = lower - _AT_LIMIT, upper + _AT_LIMIT
-        self._retreat = retreat_rate, retreat_speed
+        kappa = approach.limit_approach_rate
+        self._approach = (
+            float(approach.limit_margin if np.isfinite(kappa) else 0.0),
+            *(float(approach.retreat_rate), float(approach.joint_retreat_speed)),
+            float(kappa),
+        )
         unit = np.eye(len(lower))
         self._g = np.concatenate((unit, -unit))
 
@@ -65,13 +68,13 @@ class Limits:
             *(state.q[:n], state.v[:n], self.lower, self.upper, self.fastest),
             *(state.T, state.period, state.plant_step),
         )
-        state.recovering |= not is_within(state.q, *self._beyond)
+        state.keep_rows |= not is_within(state.q, *self._beyond)
 
     def rows(self, state: State) -> Rows:
         n = state.n
         least = limit_rows(
             *(state.q[:n], state.v[:n], self.lower, self.upper),
-            *(state.lowest, state.highest, state.T, *self._retreat),
+            *(state.lowest, state.highest, state.T, *self._approach),
         )
         return hard_rows(self._g, least)
 
@@ -96,20 +99,23 @@ def limit_rows(
     lowest: np.ndarray,
     highest: np.ndarray,
     T: float,
-    rate: float,
+    margin: float,
+    gamma: float,
     speed: float,
+    kappa: float,
 ) -> np.ndarray:
-    """(2n,) the least of s and of -s: the bounds (n,) each; of a joint that would rest
-    beyond a limit how fast it comes back."""
+    """(2n,) the least of s and of -s: the bounds (n,) each, and `least_rate` of how far
+    a joint would rest from its limits."""
     n = len(q)
     least = np.empty(2 * n)
     for i in range(n):
         end = q[i] + T * v[i]
         least[i], least[n + i] = lowest[i], -highest[i]
-        if end < lower[i]:
-            least[i] = max(lowest[i], min(rate * (lower[i] - end), speed))
-        if end > upper[i]:
-            least[n + i] = max(-highest[i], min(rate * (end - upper[i]), speed))
+        for at, h in ((i, end - lower[i]), (n + i, upper[i] - end)):
+            if h < margin:
+                least[at] = max(least[at], min(gamma * (margin - h), speed))
+            elif kappa < np.inf:
+                least[at] = max(least[at], kappa * (margin - h))
     return least
 
 

@@ -21,11 +21,13 @@ braking leaves.
 """
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.compilation import compiled
-from crar_drake.equations.vectors import times
+from crar_drake.equations.compilation import Held, compiled, hold
+from crar_drake.equations.dynamics import inertia_matrix, joint_torques
+from crar_drake.equations.vectors import largest, times
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
 from crar_drake.robot.model import ControlModel
@@ -52,6 +54,16 @@ _LEAST = 0.1
 _MORE = 1.2
 
 
+class Efforts(NamedTuple):
+    """What the torques of M motors with limits follow from."""
+
+    dynamics: Held  # of `Dynamics`
+    share: np.ndarray  # (M, nv) of each joint's torque, in the plant's order
+    order: np.ndarray  # (nv,) of `Robot`
+    positions: np.ndarray  # (nv,)
+    limits: np.ndarray  # (M,) [Nm or N]
+
+
 class Motors:
     """The constraint of effort limits, of a robot whose base is fixed.
 
@@ -66,38 +78,40 @@ class Motors:
         Args:
             model: whose dynamics.
             limits: (nu,) as of the attribute.
+
+        Raises:
+            ModelError: the plant has a force that is not known.
         """
         self.limits, self._model = limits, model
         self._some = np.flatnonzero(np.isfinite(limits))
-        self._L = limits[self._some]
-        self._aimed, self._held = (1.0 - _INSIDE) * self._L, _HELD * self._L
-        self._of_path = _OF_PATH * self._L
-        self._workspace = model.MakeWorkspace()
-        self._state: State | None = None
+        share = model.effort_of_joints[self._some]
+        self._efforts = hold(
+            Efforts(
+                model.dynamics,
+                np.ascontiguousarray(share),
+                *(model.order, model.positions, limits[self._some]),
+            )
+        )
+        self._aimed = (1.0 - _INSIDE) * limits[self._some]
+        self._at: tuple[np.ndarray, np.ndarray] | None = None
 
     def joint_of(self, index: int) -> int:
         """The velocity of the joint that a motor with a limit moves, by the index of a
         `SafetyCheck`."""
-        plant, entry = self._model.plant, self._some[index]
-        for each in plant.GetJointActuatorIndices():
-            actuator = plant.get_joint_actuator(each)
-            start = actuator.input_start()
-            if start <= entry < start + actuator.num_inputs():
-                return actuator.joint().velocity_start() + entry - start
-        raise AssertionError(f"no actuator has input {entry}")
+        return int(np.argmax(self._efforts.value.share[index]))
 
-    def _measure(self, state: State) -> None:
-        """Takes inertia and bias, once a step."""
-        if state is self._state:
+    def _measure(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Takes inertia and bias of a state (nv,), (nv,), once a step."""
+        if self._at is not None and all(map(np.array_equal, self._at, (q, v))):
             return
-        self._state, q, v, model = state, state.q, state.v, self._model
-        context = self._workspace.plant_context
-        x = np.concatenate(model.in_plant(q, v))
-        model.plant.SetPositionsAndVelocities(context, x)
-        A = model.effort_per_acceleration(self._workspace)
-        self._A = np.ascontiguousarray(A[np.ix_(self._some, model.order)])
-        still = np.zeros(len(v))
-        self._b = model.inverse_dynamics(self._workspace, still)[self._some]
+        self._at = q, v
+        self._A, self._b = affine_torques(q, v, self._efforts)
+
+    def plan_rows(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """(M, nv + 2) A, b and what |A q_ddot + b| is aimed to stay below, at a state
+        (nv,), (nv,)."""
+        self._measure(q, v)
+        return np.column_stack((self._A, self._b, self._aimed))
 
     def braking_time_constant(
         self,
@@ -116,31 +130,27 @@ class Motors:
             is_clear: whether the braking path over a longer T violates nothing; one
                 over a shorter is a part of the present one.
         """
-        self._measure(state)
-        found = enough(
-            *(self._A, self._b, self._aimed, state.v, vdot, state.n),
-            *(np.array(choices), state.period),
-        )
-        chosen, (q, v) = state.T, self._after(state, state.q, state.v, vdot)
-        for T, (now, then) in zip(choices, found, strict=True):
+        q, v = state.q, state.v
+        self._measure(q, v)
+        given = self._A, self._b, self._aimed
+        uses = braking_use(*given, v, vdot, state.n, np.array(choices), state.period)
+        times_ = state.n, state.period, state.plant_step, self._efforts
+        chosen = state.T
+        for T, (now, then) in zip(choices, uses.tolist(), strict=True):
             if T > state.T and not is_clear(T):
                 break
-            if now and T != state.T:
-                now = self._can_brake(state, state.q, state.v, vdot, T)
-            if now:
+            can, calm = now <= 1.0, max(now, then) <= _CALM
+            if can and not calm and T != state.T:
+                can = can_brake(q, v, vdot, 0.0, T, *times_)
+            if can:
                 chosen = T
-            if now and then and self._can_brake(state, q, v, vdot, T):
+            enough = then <= RESERVE
+            if can and enough and (calm or can_brake(q, v, vdot, 1.0, T, *times_)):
                 break
         return chosen
 
-    def _can_brake(self, state, q, v, vdot, T: float) -> bool:
-        """Whether torques of `_of_braking` are within the limits."""
-        braking, _ = self._of_braking(state, q, v, vdot, T)
-        return bool((np.abs(braking) <= self._of_path).all())
-
     def begin(self, state: State) -> None:
-        self._measure(state)
-        self._allowed: np.ndarray | None = None
+        self._measure(state.q, state.v)
 
     def rows(self, state: State) -> Rows:
         g, least = motor_rows(
@@ -152,132 +162,215 @@ class Motors:
         return rows._replace(weight=100.0 * rows.weight)
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
-        with np.errstate(over="ignore", invalid="ignore"):  # beyond all sense
-            return self._examine(state, s, correct)
-
-    def _examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
-        L, vdot = self._L, (s - state.v) / state.T
-        q, v = self._after(state, state.q, state.v, vdot)
-        tau = np.abs(self._A @ vdot + self._b)
-        use = (tau / L).max()
-        if use <= _CALM:
-            braking = np.concatenate((-v[: state.n] / state.T, vdot[state.n :]))
-            use = max(use, (np.abs(self._A @ braking + self._b) / L).max())
-        if use <= _CALM:
-            return SafetyCheck(True, 1.0 - use)
-        for at, rate in (self._after(state, state.q, state.v, vdot, 0.5), (q, v)):
-            tau = np.maximum(tau, np.abs(self._torques(at, rate, vdot)))
-        over = tau - self._held
-        signed, at = np.zeros(len(L)), np.ones(len(L))
-        if correct or (over <= 0.0).all():
-            signed, at = self._of_braking(state, q, v, vdot, state.T)
-        then = np.abs(signed)
-        beyond = then - self._of_path
-        if not (beyond <= 0.0).all():
-            beyond = then - self._allowed_of_braking(state)
-        left = 1.0 - max((tau / L).max(), (then / L).max())
-        if (over <= 0.0).all() and (beyond <= 0.0).all():  # false of a NaN
-            return SafetyCheck(True, left)
-        worst = int(np.argmax(np.maximum(over, beyond) / L))
-        rows = self._less(state, s, over, signed, beyond, at) if correct else None
-        return SafetyCheck(False, left, rows, index=worst)
-
-    def _of_braking(
-        self, state: State, q: np.ndarray, v: np.ndarray, vdot: np.ndarray, T: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(M,) torques of braking over T [s] from a state (nv,), (nv,): signed, the
-        largest on the way; (M,) the share w of the speed there.
-
-        Args:
-            vdot: (nv,) of which prescribed joints go on by theirs.
-        """
-        n, period = state.n, state.period
-        kappa, slower = 1.0 - 0.5 * (period + state.plant_step) / T, 1.0 - period / T
-        signed, at = np.zeros(len(self._L)), np.ones(len(self._L))
-        q, v_there, braking, whole = q.copy(), v.copy(), vdot.copy(), v[:n]
-        start = q[:n].copy()
-        # Each acceleration is held for a period, in which the speed falls.
-        farthest = T * np.abs(whole).max(initial=0.0)
-        parts = min(1 + int(farthest / _APART), _PARTS)
-        for w in np.linspace(1.0, 0.0, parts + 1).tolist():
-            braking[:n] = (-w / T) * whole
-            for there in (w, w * slower):
-                q[:n] = start + (kappa * T * (1.0 - there)) * whole
-                v_there[:n] = there * whole
-                tau = self._torques(q, v_there, braking)
-                # A torque that is none (NaN) stays.
-                more = ~(np.abs(tau) <= np.abs(signed))
-                signed[more], at[more] = tau[more], w
-        return signed, at
-
-    def _allowed_of_braking(self, state: State) -> np.ndarray:
-        """The limits; where the present braking path needs more, that."""
-        if self._allowed is None:
-            still = np.zeros_like(state.v)
-            needed, _ = self._of_braking(state, state.q, state.v, still, state.T)
-            self._allowed = np.maximum(self._of_path, np.abs(needed))
-        return self._allowed
-
-    def _after(
-        self,
-        state: State,
-        q: np.ndarray,
-        v: np.ndarray,
-        vdot: np.ndarray,
-        share: float = 1.0,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(nv,), (nv,) where vdot (nv,) leads from a state in a share of a period."""
-        t = share * state.period
-        return q + t * v + 0.5 * t * (t + state.plant_step) * vdot, v + t * vdot
-
-    def _torques(self, q: np.ndarray, v: np.ndarray, vdot: np.ndarray) -> np.ndarray:
-        """(M,) of the motors with limits, at a state (nv,), (nv,), of vdot (nv,)."""
-        model, context = self._model, self._workspace.plant_context
-        x = np.concatenate(model.in_plant(q, v))
-        model.plant.SetPositionsAndVelocities(context, x)
-        _, in_plant = model.in_plant(q, vdot)
-        return model.inverse_dynamics(self._workspace, in_plant)[self._some]
-
-    def _less(
-        self,
-        state: State,
-        s: np.ndarray,
-        over: np.ndarray,
-        braking: np.ndarray,
-        beyond: np.ndarray,
-        at: np.ndarray,
-    ) -> Rows:
-        """Rows for smaller torques, and for speeds from which braking takes less.
-
-        Args:
-            s: (nv,) that was examined.
-            over: (M,) torques beyond the limits in the period [Nm or N].
-            braking, beyond, at: (M,) of braking after it, signed; beyond; and at which
-                share of the speed.
-        """
-        n, T = state.n, state.T
-        A = self._A[:, :n]
-        size = np.sqrt((A**2).sum(axis=1)) + 1e-12
-        tau = self._A @ ((s - state.v) / T) + self._b
-        g, least = [], []
-        for sign, by in (
-            (-np.sign(tau) * (over > 0.0), over * T),
-            (
-                np.sign(braking) * (beyond > 0.0),
-                beyond / (at + _LEAST) * T * T / state.period,
-            ),
-        ):
-            some = np.flatnonzero(sign)
-            rows = sign[some, None] * A[some] / size[some, None]
-            g.append(rows)
-            least.append(rows @ s[:n] + _MORE * by[some] / size[some])
-        return hard_rows(np.concatenate(g), np.concatenate(least))
+        safe, left, worst, g, least = check_motors(
+            *(state.q, state.v, s, self._A, self._b, state.n, state.T, state.period),
+            *(state.plant_step, correct, self._efforts),
+        )
+        rows = hard_rows(g, least) if correct and not safe else None
+        return SafetyCheck(safe, left, rows, index=worst)
 
 
 @compiled
-def enough(A, b, L, v, vdot, n, choices, period):
-    """(K, 2) bool, whether motors can brake over each T: now; and after vdot (nv,),
-    held for a period, with a reserve, while the prescribed joints go on by it.
+def torques(
+    q: np.ndarray, v: np.ndarray, vdot: np.ndarray, efforts: Efforts
+) -> np.ndarray:
+    """(M,) of the motors, at a state (nv,), (nv,), of vdot (nv,) [Nm or N]."""
+    nv = len(v)
+    q_plant, v_plant, vdot_plant = np.empty(nv), np.empty(nv), np.empty(nv)
+    for i in range(nv):
+        q_plant[efforts.positions[i]] = q[i]
+        v_plant[efforts.order[i]] = v[i]
+        vdot_plant[efforts.order[i]] = vdot[i]
+    tau = joint_torques(q_plant, v_plant, vdot_plant, efforts.dynamics.value)
+    return times(efforts.share, tau)
+
+
+@compiled
+def affine_torques(
+    q: np.ndarray, v: np.ndarray, efforts: Held
+) -> tuple[np.ndarray, np.ndarray]:
+    """A (M, nv), b (M,): torques are A q_ddot + b at a state (nv,), (nv,)."""
+    of, nv = efforts.value, len(v)
+    q_plant, A = np.empty(nv), np.zeros((len(of.limits), nv))
+    for i in range(nv):
+        q_plant[of.positions[i]] = q[i]
+    H = inertia_matrix(q_plant, of.dynamics.value)
+    for m in range(len(A)):
+        for i in range(nv):
+            if of.share[m, i] != 0.0:
+                for j in range(nv):
+                    A[m, j] += of.share[m, i] * H[i, of.order[j]]
+    return A, torques(q, v, np.zeros(nv), of)
+
+
+@compiled
+def after(q, v, vdot, t, plant_step):
+    """(nv,), (nv,) where vdot (nv,) leads from a state in a time t [s]."""
+    return q + t * v + 0.5 * t * (t + plant_step) * vdot, v + t * vdot
+
+
+@compiled
+def braking_torques(
+    q: np.ndarray,
+    v: np.ndarray,
+    vdot: np.ndarray,
+    n: int,
+    T: float,
+    period: float,
+    plant_step: float,
+    efforts: Efforts,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(M,) torques of braking over T [s] from a state (nv,), (nv,): signed, the largest
+    on the way; (M,) the share w of the speed there.
+
+    Args:
+        vdot: (nv,) of which the joints from n on go on by theirs.
+    """
+    kappa, slower = 1.0 - 0.5 * (period + plant_step) / T, 1.0 - period / T
+    M = len(efforts.limits)
+    signed, at = np.zeros(M), np.ones(M)
+    there, rate, braking = q.copy(), v.copy(), vdot.copy()
+    farthest = 0.0
+    for i in range(n):
+        farthest = max(farthest, T * abs(v[i]))
+    parts = _PARTS
+    if farthest < _PARTS * _APART:
+        parts = min(1 + int(farthest / _APART), _PARTS)
+    for k in range(parts + 1):
+        w = 1.0 - k / parts
+        for i in range(n):
+            braking[i] = (-w / T) * v[i]
+        # Each acceleration is held for a period, in which the speed falls.
+        for end in range(2):
+            left = w * slower if end else w
+            if end and w == 0.0:
+                break
+            for i in range(n):
+                there[i] = q[i] + (kappa * T * (1.0 - left)) * v[i]
+                rate[i] = left * v[i]
+            tau = torques(there, rate, braking, efforts)
+            for m in range(M):
+                if not abs(tau[m]) <= abs(signed[m]):  # a NaN stays
+                    signed[m], at[m] = tau[m], w
+    return signed, at
+
+
+@compiled
+def can_brake(
+    q: np.ndarray,
+    v: np.ndarray,
+    vdot: np.ndarray,
+    share: float,
+    T: float,
+    n: int,
+    period: float,
+    plant_step: float,
+    efforts: Held,
+) -> bool:
+    """Whether `braking_torques` are within the limits, from where vdot (nv,) leads in a
+    share of a period."""
+    of = efforts.value
+    if share > 0.0:
+        q, v = after(q, v, vdot, share * period, plant_step)
+    signed, _ = braking_torques(q, v, vdot, n, T, period, plant_step, of)
+    return (np.abs(signed) <= _OF_PATH * of.limits).all()
+
+
+@compiled
+def check_motors(
+    q: np.ndarray,
+    v: np.ndarray,
+    s: np.ndarray,
+    A: np.ndarray,
+    b: np.ndarray,
+    n: int,
+    T: float,
+    period: float,
+    plant_step: float,
+    correct: bool,
+    efforts: Held,
+) -> tuple[bool, float, int, np.ndarray, np.ndarray]:
+    """Whether torques are within the limits, in the period of a step s and in braking
+    after it.
+
+    Args:
+        q, v, s: (nv,), (nv,), (nv,) state and step, controlled joints first.
+        A, b: of `affine_torques`.
+        correct: whether rows are asked for.
+
+    Returns:
+        Whether they are; the share of a limit that is left at least; the motor that is
+        farthest beyond, or -1; g (k, n), least (k,) for smaller torques, and for speeds
+        from which braking takes less.
+    """
+    of = efforts.value
+    L, M, nv = of.limits, len(of.limits), len(v)
+    vdot, nothing = (s - v) / T, (np.zeros((0, n)), np.zeros(0))
+    there, rate = after(q, v, vdot, period, plant_step)
+    now = times(A, vdot) + b
+    use = (np.abs(now) / L).max()
+    if use <= _CALM:
+        braking = vdot.copy()
+        for i in range(n):
+            braking[i] = -rate[i] / T
+        use = max(use, (np.abs(times(A, braking) + b) / L).max())
+    if use <= _CALM:
+        return True, 1.0 - use, -1, *nothing
+    tau = np.abs(now)
+    middle, halfway = after(q, v, vdot, 0.5 * period, plant_step)
+    tau = np.maximum(tau, np.abs(torques(middle, halfway, vdot, of)))
+    tau = np.maximum(tau, np.abs(torques(there, rate, vdot, of)))
+    over = tau - _HELD * L
+    signed, at = np.zeros(M), np.ones(M)
+    if correct or (over <= 0.0).all():
+        signed, at = braking_torques(there, rate, vdot, n, T, period, plant_step, of)
+    then = np.abs(signed)
+    beyond = then - _OF_PATH * L
+    if not (beyond <= 0.0).all():
+        # Where the present braking path needs more, that is allowed.
+        needed, _ = braking_torques(q, v, np.zeros(nv), n, T, period, plant_step, of)
+        beyond = then - np.maximum(_OF_PATH * L, np.abs(needed))
+    left = 1.0 - max((tau / L).max(), (then / L).max())
+    if (over <= 0.0).all() and (beyond <= 0.0).all():  # false of a NaN
+        return True, left, -1, *nothing
+    worst = np.argmax(np.maximum(over, beyond) / L)
+    if not correct:
+        return False, left, worst, *nothing
+    g, least, count = np.zeros((2 * M, n)), np.zeros(2 * M), 0
+    for m in range(M):
+        size, moves = 1e-12, 0.0
+        for i in range(n):
+            size += A[m, i] ** 2
+            moves += A[m, i] * s[i]
+        size = np.sqrt(size)
+        for kind in range(2):
+            if kind == 0 and over[m] > 0.0:
+                sign, by = -np.sign(now[m]), over[m] * T
+            elif kind == 1 and beyond[m] > 0.0:
+                sign = np.sign(signed[m])
+                by = beyond[m] / (at[m] + _LEAST) * T * T / period
+            else:
+                continue
+            for i in range(n):
+                g[count, i] = sign * A[m, i] / size
+            least[count] = (sign * moves + _MORE * by) / size
+            count += 1
+    return False, left, worst, g[:count], least[:count]
+
+
+@compiled
+def braking_use(
+    A: np.ndarray,
+    b: np.ndarray,
+    L: np.ndarray,
+    v: np.ndarray,
+    vdot: np.ndarray,
+    n: int,
+    choices: np.ndarray,
+    period: float,
+) -> np.ndarray:
+    """(K, 2) the largest share of a limit that braking over each T takes: now; and
+    after vdot (nv,), held for a period, while the prescribed joints go on by it.
 
     Args:
         A, b: (M, nv), (M,) of the torques A q_ddot + b, and
@@ -286,21 +379,19 @@ def enough(A, b, L, v, vdot, n, choices, period):
         choices: (K,) of T [s].
         period: [s].
     """
-    braking, found = vdot.copy(), np.zeros((len(choices), 2), dtype=np.bool_)
+    braking, found = vdot.copy(), np.empty((len(choices), 2))
     for k in range(len(choices)):
         T = choices[k]
         braking[:n] = -v[:n] / T
-        now = np.abs(times(A, braking) + b)
+        found[k, 0] = (np.abs(times(A, braking) + b) / L).max()
         braking[:n] -= (period / T) * vdot[:n]
-        then = np.abs(times(A, braking) + b)
-        found[k, 0] = (now <= L).all()
-        found[k, 1] = (then <= RESERVE * L).all()
+        found[k, 1] = (np.abs(times(A, braking) + b) / L).max()
     return found
 
 
 @compiled
 def motor_rows(A, b, L, v, prescribed, n, T, period):
-    """g (2 M, n), least (2 M,), see the top of the file; arguments as of `enough`.
+    """g (2 M, n), least (2 M,), see the top of the file; arguments as of `braking_use`.
 
     Args:
         prescribed: (nv - n,) s of the joints that are not controlled.
@@ -325,3 +416,46 @@ def motor_rows(A, b, L, v, prescribed, n, T, period):
         least[i] = (T * (low - still) + moving) / size
         least[M + i] = -(T * (high - still) + moving) / size
     return g, least
+
+
+@compiled
+def share_of_nominal(
+    vdot: np.ndarray, nominal: np.ndarray, qdot: np.ndarray, T: float
+) -> float:
+    """How much is left of the way from braking to the nominal: theta, if it was scaled.
+
+    Args:
+        vdot, nominal: accelerations, first those of the joints that brake [rad/s^2].
+        qdot: (n,) velocities of the joints that brake [rad/s].
+        T: [s].
+
+    Returns:
+        1 - |nominal - vdot| / |nominal - braking|, in [0, 1], below 1 if they differ.
+    """
+    if (vdot == nominal).all():
+        return 1.0
+    way, lost = 0.0, 0.0
+    for i in range(len(qdot)):
+        way += (nominal[i] + qdot[i] / T) ** 2
+        lost += (nominal[i] - vdot[i]) ** 2
+    if lost >= way:  # also where braking is nominal, and there is no way
+        return 0.0
+    return min(1.0 - np.sqrt(lost / way), 1.0 - 1e-16)
+
+
+@compiled
+def clip_torque(tau: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, float]:
+    """A torque within the effort limits, where the acceleration is not to change.
+
+    Args:
+        tau: (nu,) torque [Nm or N].
+        limits: (nu,) effort limits, infinite where there is none.
+
+    Returns:
+        (nu,) the torque, clipped; and by which share of its limit the worst actuator
+        was beyond it [1], 0 if none was.
+    """
+    excess = largest(tau / limits) - 1.0
+    if excess <= 1e-12:  # a rounding error of the limit is no excess
+        excess = 0.0
+    return np.minimum(np.maximum(tau, -limits), limits), excess

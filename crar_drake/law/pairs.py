@@ -30,17 +30,16 @@ from crar_drake.equations.admission import (
     next_path,
     path_bounds,
 )
+from crar_drake.equations.approach import (
+    Approach,
+    margin_curvature,
+    pair_margins,
+    pair_rates,
+)
 from crar_drake.equations.capsule_distances import nearest_of_pairs, nearest_points
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.kinematics import joint_motion
-from crar_drake.equations.lookahead_guard import SPARE
-from crar_drake.equations.lookahead_rows import (
-    LookaheadGains,
-    margin_curvature,
-    pair_margins,
-    retreat_speed,
-)
 from crar_drake.equations.nearby import some_reaches, some_shapes
 from crar_drake.equations.path_balls import Balls, curvature, near_on_way
 from crar_drake.equations.vectors import times
@@ -49,6 +48,9 @@ from crar_drake.law.shapes import Shapes, near_segment, place_ends
 from crar_drake.law.step import SafetyCheck, State
 
 _NOTHING_ASKED = np.zeros((0, 7))
+# A correction aims so far above the distance that a pair must keep [m], since a row is
+# linear and the distance is not; it is a part of the 1 mm between d_0 and the margin.
+_SPARE = 3e-4
 
 
 class Pairs:
@@ -68,17 +70,17 @@ class Pairs:
         balls: Balls,
         names: Sequence[tuple[str, str]],
         distance: float,
-        gains: LookaheadGains,
+        approach: Approach,
     ) -> None:
         """
         Args:
             robot, reaches, balls: of `Shapes`.
             names: (Np,) of each pair of shapes its links.
             distance: d_0, to be kept [m].
-            gains: of the rows.
+            approach: of the rows.
         """
         self.shapes = hold(Shapes(robot, reaches, hold(balls)))
-        self._gains, self.names = hold(gains), list(names)
+        self._approach, self.names = hold(approach), list(names)
         self._distance = float(distance)
         self._kept = np.zeros(0)
 
@@ -96,7 +98,7 @@ class Pairs:
             self._kept = relaxed_distances(
                 state.q, state.v, state.T, self._distance, self.shapes
             )
-            state.recovering |= len(self._kept) > 0
+            state.keep_rows |= len(self._kept) > 0
 
     @property
     def present_is_clear(self) -> bool:
@@ -111,7 +113,7 @@ class Pairs:
 
     def rows(self, state: State) -> Rows:
         s, n = state.whole(state.nominal), state.n
-        of = state.T, self._gains, self.shapes
+        of = state.T, self._approach, self.shapes
         g, least = pair_rows(state.q, state.v, s, *of)
         return of_controlled(g, least, s, n)
 
@@ -166,7 +168,7 @@ def relaxed_distances(
 
 @compiled
 def pair_rows(
-    q: np.ndarray, v: np.ndarray, s: np.ndarray, T: float, gains: Held, held: Held
+    q: np.ndarray, v: np.ndarray, s: np.ndarray, T: float, approach: Held, held: Held
 ) -> tuple[np.ndarray, np.ndarray]:
     """g (C, nv), least (C,): the rows of the pairs that s could bring to bind.
 
@@ -177,10 +179,10 @@ def pair_rows(
     Args:
         q, v, s: (nv,), (nv,), (nv,) state and nominal.
         T: [s].
-        gains: holds `LookaheadGains`.
+        approach: holds `Approach`.
         held: holds `Shapes`.
     """
-    shapes, numbers = held.value, gains.value
+    shapes, numbers = held.value, approach.value
     r, balls = shapes.robot.value, shapes.balls.value
     nv, margin = len(v), numbers.distance_margin
     points, centres = place_ends(q, q + T * v, r, balls)
@@ -196,10 +198,7 @@ def pair_rows(
     S = joint_motion(points[:, : 3 * nv])
     g = distance_gradient_about_origin(normal, p, S, some.moves)
     h = pair_margins(d.reshape(2, -1), g, v, T)
-    least = retreat_speed(
-        h, margin, numbers.retreat_rate, numbers.retreat_speed, numbers.approach_rate
-    )
-    least -= margin_curvature(g, v)
+    least = pair_rates(h, numbers) - margin_curvature(g, v)
     near = np.flatnonzero(h < numbers.influence_distance)
     return g.reshape(len(h), nv)[near], least[near]
 
@@ -266,7 +265,7 @@ def check_pairs(
                 return False, clearance, worst, *none
             failed, g = gradients_at(start, x, bounds, r, reaches)
             d, at = bounds.d[failed], bounds.at[failed]
-            missing = (keep[failed] + SPARE - d) / (k_0 + at * k_1)
+            missing = (keep[failed] + _SPARE - d) / (k_0 + at * k_1)
             moved = np.zeros(nv)
             for k in failed:
                 moved += np.abs(every.moves[rows[k]])

@@ -11,8 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.lookahead_rows import BOUNDING_WEIGHT
-from crar_drake.equations.one_sided import one_sided_nearest
+from crar_drake.equations.one_sided import one_sided_nearest, one_sided_nearest_in
+
+# What a row weighs that is to hold: the norm of a step is of the order of 1, so that
+# what it gives way is not seen.
+_HARD = 1e6
 
 
 class Rows(NamedTuple):
@@ -25,7 +28,7 @@ class Rows(NamedTuple):
 
 def hard_rows(g: np.ndarray, least: np.ndarray) -> Rows:
     """Rows that are to hold."""
-    return Rows(g, least, np.full(len(least), BOUNDING_WEIGHT))
+    return Rows(g, least, np.full(len(least), _HARD))
 
 
 def stacked(rows: Sequence[Rows]) -> Rows:
@@ -49,14 +52,21 @@ def project(
     weight: np.ndarray,
     lowest: np.ndarray,
     highest: np.ndarray,
+    root: np.ndarray,
 ) -> np.ndarray:
-    """argmin |s - nominal|^2 + sum weight_j max(0, least_j - g_j s)^2, clipped; (n,).
+    """argmin |L^T (s - nominal)|^2 + sum weight_j max(0, least_j - g_j s)^2, clipped;
+    (n,).
 
     Args:
         nominal: (n,) [rad/s or m/s].
         g, least, weight: of `Rows`.
         lowest, highest: (n,) bounds with 0 between them [rad/s or m/s].
+        root: (n, n) L, lower triangular; (0, 0) for the identity.
     """
-    root = np.sqrt(weight)
-    s = one_sided_nearest(nominal, root[:, np.newaxis] * g, root * least)
+    by = np.sqrt(weight)
+    rows, desired = by[:, np.newaxis] * g, by * least
+    if len(root):
+        s = one_sided_nearest_in(root, nominal, rows, desired)
+    else:
+        s = one_sided_nearest(nominal, rows, desired)
     return clipped(s, lowest, highest)

@@ -13,8 +13,8 @@ are evaded, (M5).
 
 import numpy as np
 
+from crar_drake.equations.approach import Approach
 from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.lookahead_rows import LookaheadGains
 from crar_drake.equations.moving_obstacles import (
     Levels,
     Moving,
@@ -43,16 +43,16 @@ class MovingSpheres:
     name = "obstacle"
 
     def __init__(
-        self, robot: Held, world: Held, gains: LookaheadGains, floor: float
+        self, robot: Held, world: Held, approach: Approach, floor: float
     ) -> None:
         """
         Args:
             robot: holds a `Robot` in closed form, all of whose joints are controlled.
             world: holds `WorldLaw`.
-            gains: of the rows.
+            approach: of the rows.
             floor: d_0 [m].
         """
-        self._robot, self._world, self._gains = robot, world, gains
+        self._robot, self._world, self._approach = robot, world, approach
         self._floor = floor
         self.place(None, np.zeros(0, dtype=bool), None)
 
@@ -93,17 +93,18 @@ class MovingSpheres:
             return
         now = times(g, state.v)
         by = now + (least - now) * (state.T / period)
+        rows = of_controlled(g, by, desired, state.n)
         weight = np.full(len(by), self._world.value.evasion.weight)
-        self._evading, state.recovering = Rows(g, by, weight), True
+        self._evading, state.keep_rows = rows._replace(weight=weight), True
         self.evaded = tuple(who[int(np.argmax(least - times(g, after)))])
 
     def rows(self, state: State) -> Rows | None:
         if self._spheres is None:
             return None
         s = state.whole(state.nominal)
-        g, least = approach_rows(
+        g, least = sphere_rows(
             *(state.q, state.v, s, self._spheres),
-            *(self._gains, self._robot, self._world),
+            *(self._approach, self._robot.value, self._world),
         )
         rows = of_controlled(g, least, s, state.n)
         return rows if self._evading is None else stacked([rows, self._evading])
@@ -142,21 +143,6 @@ def harmless_share(q: np.ndarray, v: np.ndarray, s: np.ndarray, world: Held) -> 
         if asked[i] > 0.0:
             share = min(share, 0.999 * left[i] / asked[i])
     return max(share, 0.0)
-
-
-@compiled
-def approach_rows(
-    q: np.ndarray,
-    v: np.ndarray,
-    s: np.ndarray,
-    spheres: Spheres,
-    gains: LookaheadGains,
-    robot: Held,
-    world: Held,
-) -> tuple[np.ndarray, np.ndarray]:
-    """g (C, nv), least (C,) of the links that s (nv,) could bring to spheres."""
-    found = sphere_rows(q, v, s, spheres, gains, robot.value, world)
-    return found.g, found.retreat - found.drift
 
 
 @compiled

@@ -13,15 +13,20 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from crar_drake.equations.admission import AS_NOMINAL, BISECTIONS, CORRECTED, SCALED
-from crar_drake.equations.lookahead_guard import CORRECTIONS
 from crar_drake.law.projection import Rows, clipped, project, stacked
 
+# How a step was found.
+AS_NOMINAL, CORRECTED, SCALED = 0.0, 1.0, 2.0
+# A step is corrected so often before it is scaled; and to one of 2^this shares.
+CORRECTIONS, BISECTIONS = 4, 6
 # Shares of the nominal that are projected anew where less than the first is left of the
 # corrected step: a way out that constraints ask for would be scaled as well.
 LESS = (0.25, 0.0625, 0.0)
 # A row that lacks less is kept [rad/s or m/s].
 _ROW_ROUNDING = 1e-9
+
+
+_NO_ROOT = np.zeros((0, 0))
 
 
 @cache
@@ -35,19 +40,19 @@ class State:
     Attributes:
         q, v: (nv,), (nv,) positions and velocities, controlled joints first.
         n: how many are controlled.
-        T: braking time constant [s].
+        T: braking time constant; `take_T` gives another [s].
         period: of the controller [s].
         plant_step: of the plant, at most the period; 0 if it moves continuously [s].
         known: whether the pairs' braking path over T is known to be collision-free.
-        prescribed: (nv - n,) s of the other joints; they brake along with the others.
-            They keep their velocities unless it is set.
         nominal: (n,) s to be as near to as is safe, made when it is first asked for
             [rad/s or m/s].
+        prescribed: (nv - n,) s of the other joints; they brake along with the others.
         desired: (nv,) s that is taken bit-identical if it is safe; None if none is.
         lowest, highest: (n,) bounds of s, 0 between them; constraints replace them by
             narrower ones.
-        recovering: whether there is something to be left, which is violated already or
-            comes; a constraint says so. Rows then hold for a desired step, too.
+        keep_rows: whether rows hold for a step that is safe without them, too: there is
+            something to be left, as a constraint says; or the nominal asks for it.
+        root: (n, n) L, the projection is the nearest in L L^T; (0, 0) for the identity.
     """
 
     def __init__(
@@ -58,20 +63,39 @@ class State:
         T: float,
         period: float,
         plant_step: float,
-        nominal: Callable[[], np.ndarray],
+        nominal: Callable[[float], np.ndarray],
         known: bool = False,
+        prescribed_acceleration: np.ndarray | None = None,
+        keep_rows: bool = False,
     ) -> None:
+        """
+        Args:
+            nominal: T [s] to s (n,).
+            prescribed_acceleration: (nv - n,) of the joints that are not controlled
+                [rad/s^2 or m/s^2]; by default 0.
+
+        The others are as the attributes.
+        """
         self.q, self.v, self.n = q, v, n
         self.T, self.period, self.plant_step = T, period, plant_step
-        self.known = known
-        self.prescribed, self.desired = v[n:], None
-        self._make_nominal = nominal
+        self.known, self.desired = known, None
+        self._make_nominal, self._prescribed = nominal, prescribed_acceleration
         self.lowest, self.highest = _unbounded(n)
-        self.recovering = False
+        self.keep_rows, self.root = keep_rows, _NO_ROOT
+
+    def take_T(self, T: float, known: bool) -> None:
+        """Replaces T [s]; of the path over it is known what is said."""
+        self.T, self.known = T, known
+        self.__dict__.pop("nominal", None)
 
     @cached_property
     def nominal(self) -> np.ndarray:
-        return self._make_nominal()
+        return self._make_nominal(self.T)
+
+    @property
+    def prescribed(self) -> np.ndarray:
+        v = self.v[self.n :]
+        return v if self._prescribed is None else v + self.T * self._prescribed
 
     def segment(self, s: np.ndarray) -> np.ndarray:
         """(nv,) what leads from q over where a step s (nv,) takes the robot, a period
@@ -82,7 +106,7 @@ class State:
 
     def whole(self, s: np.ndarray, share: float = 1.0) -> np.ndarray:
         """(nv,) s of the controlled joints (n,), and a share of the others'."""
-        if not len(self.prescribed):
+        if self.n == len(self.v):
             return s
         return np.concatenate((s, share * self.prescribed))
 
@@ -121,8 +145,7 @@ class Constraint(Protocol):
     name: str
 
     def begin(self, state: State) -> None:
-        """Takes in the state of a step; may narrow its bounds, or call it
-        `recovering`."""
+        """Takes in the state of a step; may narrow its bounds, or set `keep_rows`."""
 
     def rows(self, state: State) -> Rows | None:
         """What keeps the nominal off what it comes near to; None of nothing."""
@@ -189,7 +212,7 @@ def step(state: State, constraints: Sequence[Constraint]) -> Step:
     """
     for constraint in constraints:
         constraint.begin(state)
-    asked = _rows(state, constraints) if state.recovering else None
+    asked = _rows(state, constraints) if state.keep_rows else None
     objections: dict[str, SafetyCheck] = {}
     desired = state.desired
     if desired is not None and (asked is None or _keeps(asked, desired[: state.n])):
@@ -239,7 +262,7 @@ def _projected(state: State, share: float, rows: Sequence[Rows]) -> np.ndarray:
     if not rows:
         s = clipped(nominal, state.lowest, state.highest)
     else:
-        s = project(nominal, *stacked(rows), state.lowest, state.highest)
+        s = project(nominal, *stacked(rows), state.lowest, state.highest, state.root)
     return state.whole(s, share)
 
 

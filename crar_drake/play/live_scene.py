@@ -16,7 +16,7 @@ from crar_drake.control.records import (
     STATUS_BRAKING,
     STATUS_IMPLAUSIBLE,
 )
-from crar_drake.equations.admission import CORRECTED, SCALED
+from crar_drake.law.step import CORRECTED, SCALED
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import Pacer
 from crar_drake.results.marks import NEARNESS_STEPS

@@ -12,7 +12,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from crar_drake.control.controller import CrarController
-from crar_drake.control.law_among import LawAmong
+from crar_drake.control.law import ControlLaw
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.play.live_sources import LiveSource, make_live
 from crar_drake.play.motion_clock import MotionClock, to_and_fro
@@ -87,7 +87,7 @@ class LiveSimulation:
         balls = []
         among = parameters.among_obstacles()
         if parameters.constraints == "lookahead" and accepted(
-            lambda: LawAmong(self.model, among)
+            lambda: ControlLaw(self.model, among).among
         ):
             parameters, balls = among, [make_ball(setup)]
         self.scenario = replace(

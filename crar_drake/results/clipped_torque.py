@@ -7,7 +7,6 @@ not.
 
 import numpy as np
 
-from crar_drake.control.effort_limits import NO_EXCESS
 from crar_drake.errors import few
 from crar_drake.results.log import SimulationLog
 
@@ -16,6 +15,8 @@ _MOST = 2
 
 # A torque of this share of its limit is at it [1].
 _AT_LIMIT = 0.999
+# A torque that is beyond its limit by less is not clipped but for rounding [1].
+_NO_EXCESS = 1e-4
 # Where limits leave less of the nominal step, they hold the robot back [1].
 _HELD_BACK = 0.9
 
@@ -28,7 +29,7 @@ def limited_samples(log: SimulationLog) -> np.ndarray:
 
 def clipped_samples(log: SimulationLog) -> np.ndarray:
     """(T,) bool, whether a torque was clipped by more than rounding."""
-    return log.torque_limit[:, 1] > NO_EXCESS
+    return log.torque_limit[:, 1] > _NO_EXCESS
 
 
 def clipped_line(log: SimulationLog) -> str:

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.control.records import STATUS_BRAKING, STATUS_IMPLAUSIBLE
-from crar_drake.equations.admission import AS_NOMINAL, CORRECTED, SCALED
 from crar_drake.equations.tasks import TaskLayout
+from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED
 from crar_drake.motion.report import MotionReport
 from crar_drake.results.clipped_torque import (
     clipped_line,

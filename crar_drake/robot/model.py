@@ -8,6 +8,7 @@ about control.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from pydrake.geometry import SceneGraph
@@ -15,7 +16,14 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from crar_drake.equations.kinematics import Measured, State, evaluate_state
+from crar_drake.equations.compilation import Held
+from crar_drake.equations.kinematics import (
+    Measured,
+    State,
+    evaluate_state,
+    state_distances,
+)
+from crar_drake.equations.nearby import some_shapes
 from crar_drake.equations.tasks import task_weights
 from crar_drake.errors import ModelError
 from crar_drake.robot.actuators import Actuators
@@ -27,6 +35,7 @@ from crar_drake.robot.description import (
     find_joint,
     find_root,
 )
+from crar_drake.robot.dynamics import find_dynamics
 from crar_drake.robot.joints import (
     check_described_joints,
     find_places,
@@ -65,6 +74,7 @@ class ControlModel:
             in the order of `order`.
         robot_by_pair, robot_ahead: for `equations.kinematics`: at one configuration,
             a row for each pair; and at two, a row for each pair of shapes.
+        robot_of_tasks: the same without pairs.
         n, n_p, m: numbers of controlled joints, prescribed joints and task rows; the
             six velocities of a root that floats are among the prescribed.
         controlled, prescribed: (n,), (n_p,) their indices in v, of a root that floats
@@ -135,6 +145,8 @@ class ControlModel:
             self.positions,
             self.n,
         )
+        none = np.zeros(0, dtype=np.int64)
+        self.robot_of_tasks = some_shapes(self.robot_ahead, none)
         self._check_distances()
 
     @staticmethod
@@ -226,30 +238,60 @@ class ControlModel:
         workspace: Workspace,
         q: np.ndarray,
         v: np.ndarray,
-        q_ahead: np.ndarray | None = None,
     ) -> Measured:
         """A state, as `equations.kinematics` takes it.
 
         Args:
             workspace: of this model; left at the state.
             q, v: (nq,), (nv,) the state.
-            q_ahead: (nq,) where else the distances are wanted.
         """
         self.plant.SetPositionsAndVelocities(
             workspace.plant_context, np.concatenate((q, v))
         )
-        return self._measured(workspace, workspace.plant_context, q, v, q_ahead)
+        return self._measured(workspace, workspace.plant_context, q, v)
 
-    def state_here(self, measured: Measured) -> State:
-        """The numbers of a state alone, with a row for each watched pair.
+    def task_state(self, q: np.ndarray, v: np.ndarray) -> State:
+        """The numbers of a state (nq,), (nv,), without any pair."""
+        measured = Measured(q[np.newaxis], v, _NOTHING_ASKED)
+        return evaluate_state(measured, self.robot_of_tasks)
+
+    def signed_distances(self, q: np.ndarray) -> np.ndarray:
+        """(Nc,) signed distance of each watched pair [m].
 
         Args:
-            measured: by `measure`, with or without another configuration.
+            q: (nq,) positions of the whole plant.
         """
-        q, v, asked = measured
-        return evaluate_state(
-            Measured(q[:1], v, asked[: len(asked) // len(q)]), self.robot_by_pair
-        )
+        workspace = self._own_workspace
+        if self.pairs.needs_query:
+            self.plant.SetPositions(workspace.plant_context, q)
+        measured = self._measured(workspace, workspace.plant_context, q, self._still)
+        return state_distances(measured, self.robot_by_pair)
+
+    @cached_property
+    def dynamics(self) -> Held:
+        """Holds `equations.dynamics.Dynamics`: what `inverse_dynamics` computes, of a
+        robot whose base is fixed.
+
+        Raises:
+            ModelError: the plant has a force that is not known.
+        """
+        return find_dynamics(self.plant, self.joints, self._implicit_damping)
+
+    @property
+    def effort_of_joints(self) -> np.ndarray:
+        """(nu, nv) actuators' efforts by the joints' torques."""
+        return self._actuators.efforts(np.eye(self.n + self.n_p))
+
+    @cached_property
+    def _own_workspace(self) -> Workspace:
+        return self.MakeWorkspace()
+
+    def asked_here(self, workspace: Workspace) -> np.ndarray:
+        """SceneGraph's answers at the workspace's state for shapes without a closed
+        form, as `Measured.asked`."""
+        context = workspace.plant_context
+        q = self.plant.GetPositions(context)
+        return self._measured(workspace, context, q, self._still).asked
 
     def evaluate_distances(self, workspace: Workspace, q: np.ndarray) -> Distances:
         """Eq. (20) at a configuration other than the workspace's, which stays.
@@ -271,21 +313,14 @@ class ControlModel:
         context: Context,
         q: np.ndarray,
         v: np.ndarray,
-        q_ahead: np.ndarray | None = None,
     ) -> Measured:
         """With SceneGraph's answers, where shapes have no closed form."""
-        configurations = q[np.newaxis] if q_ahead is None else np.array([q, q_ahead])
         asked = _NOTHING_ASKED
         if self.pairs.needs_query:
-            contexts = [context]
-            if q_ahead is not None:
-                self.plant.SetPositions(workspace.plant_context_ahead, q_ahead)
-                contexts.append(workspace.plant_context_ahead)
             port = self.scene_graph.get_query_output_port()
-            asked = self.pairs.ask(
-                [port.Eval(workspace.scene_graph_context_of(c)) for c in contexts]
-            )
-        return Measured(configurations, v, asked)
+            of = workspace.scene_graph_context_of(context)
+            asked = self.pairs.ask([port.Eval(of)])
+        return Measured(q[np.newaxis], v, asked)
 
     def inverse_dynamics(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
         """Eqs. (2), (29): tau = H alpha + C qdot + tau_g, (nu,) [Nm or N].

@@ -8,16 +8,16 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from crar_drake.equations.balance import Ground, Masses
-from crar_drake.equations.compilation import hold
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import FLOOR_TOLERANCE, find_body
+from crar_drake.robot.dynamics import find_masses
 from crar_drake.robot.model import ControlModel
 
 # Faces of the cone that differ by less are one [of unit normals].
 _SAME = 1e-7
 
 
-def find_masses(model: ControlModel) -> Masses:
+def masses_on_soles(model: ControlModel) -> Masses:
     """The masses of a robot whose base is fixed.
 
     What stands on the soles counts, those bodies that nothing moves among them, as a
@@ -30,48 +30,10 @@ def find_masses(model: ControlModel) -> Masses:
         ModelError: there is no gravity downwards, or something moves that does not
             stand on the soles.
     """
-    plant, joints = model.plant, model.joints
-    down = plant.gravity_field().gravity_vector()
+    down = model.plant.gravity_field().gravity_vector()
     if not down[2] < 0.0 or np.abs(down[:2]).max() > 1e-9:
         raise ModelError(f"balance: gravity is {down} m/s^2; it must point along -z")
-    tree = joints.tree
-    N = len(tree.parent)
-    mass, moment = np.zeros(N), np.zeros((N, 3))
-    about_frame = np.zeros((N, 3, 3))
-    context = plant.CreateDefaultContext()
-    for i in sorted(_on_soles(model)):
-        body = plant.get_body(BodyIndex(i))
-        frame, X = joints.place(body)
-        M = body.CalcSpatialInertiaInBodyFrame(context)
-        if not M.get_mass() > 0.0:
-            continue
-        M = M.ReExpress(X.rotation()).Shift(-X.translation())
-        mass[frame] += M.get_mass()
-        moment[frame] += M.get_mass() * M.get_com()
-        about_frame[frame] += M.CalcRotationalInertia().CopyToFullMatrix3()
-    centre = moment / np.where(mass > 0.0, mass, 1.0)[:, None]
-    own = [
-        about - m * (c @ c * np.eye(3) - np.outer(c, c))
-        for about, m, c in zip(about_frame, mass, centre, strict=True)
-    ]
-    square = 0.5 * np.trace(about_frame, axis1=1, axis2=2)
-    velocity = np.zeros(N, dtype=int)
-    velocity[joints.frame_of_velocity] = np.arange(len(joints.frame_of_velocity))
-    turn, slide = np.zeros((N, 3)), np.zeros((N, 3))
-    turn[joints.frame_of_velocity] = joints.turns
-    slide[joints.frame_of_velocity] = joints.slides
-    return Masses(
-        hold(tree),
-        velocity,
-        turn,
-        slide,
-        mass,
-        centre,
-        np.array(own),
-        np.linalg.norm(tree.fixed[:, 3, :3], axis=1),
-        np.sqrt(square / np.where(mass > 0.0, mass, 1.0)),
-        float(-down[2]),
-    )
+    return find_masses(model.plant, model.joints, _on_soles(model))
 
 
 def _on_soles(model: ControlModel) -> set[int]:

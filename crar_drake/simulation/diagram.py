@@ -13,7 +13,6 @@ from pydrake.systems.lcm import ApplyLcmBusConfig
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from pydrake.visualization import ApplyVisualizationConfig
 
-from crar_drake.control import modes
 from crar_drake.control.commanded_motion import CommandedMotion
 from crar_drake.control.controller import CrarController
 from crar_drake.control.parameters import CrarParameters
@@ -131,7 +130,7 @@ def AddCrarController(
             multiple of the plant's time step.
     """
     parameters = parameters or CrarParameters()
-    modes.validate(parameters)
+    parameters.validate()
     if not plant.is_finalized():
         raise ModelError("the plant is not finalized: call plant.Finalize() first")
     check_multiple("controller.period", parameters.period, plant.time_step())
@@ -454,7 +453,7 @@ def AddStandingController(
         ScenarioError: as of `AddCrarController`.
     """
     parameters = parameters or CrarParameters()
-    modes.validate(parameters)
+    parameters.validate()
     check_multiple("controller.period", parameters.period, plant.time_step())
     ours, theirs = _position_names(law.plant), _position_names(plant)
     if ours != theirs:

@@ -15,7 +15,6 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
-from crar_drake.control import modes
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ModelError, ScenarioError, nearest
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
@@ -100,7 +99,7 @@ class Scenario:
             lists them.
         tasks: what is tracked.
         keyframes: task name to its keyframes, instead of a motion.
-        controller: gains and modes.
+        controller: gains.
         standing: for a robot with soles that nothing but the ground carries; legs and
             root stay, the upper body follows. None for a root that is fixed.
         simulated_robot: what the simulated plant does of its own; of a robot that
@@ -158,7 +157,7 @@ class Scenario:
         Raises:
             ScenarioError: names the field, its value and the remedy.
         """
-        modes.validate(self.controller)
+        self.controller.validate()
         self.disturbances.validate()
         check_obstacles(self.obstacles)
         if self.standing is not None:

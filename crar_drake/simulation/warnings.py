@@ -23,7 +23,6 @@ _MOST = 2  # findings and joints that a line names
 _LOOKS = 201  # at the targets, in equal steps
 # What acts on tasks only where nothing is planned.
 _OF_FEEDBACK = ("K", "Kp", "Kv", "damping")
-_OF_WEIGHTS = ("rho", "rho_limits")
 
 
 def run_warnings(
@@ -82,24 +81,17 @@ def _of_the_duration(scenario: Scenario, setup: Setup) -> Iterator[str]:
 
 
 def _of_gains_without_effect(gains: CrarParameters) -> Iterator[str]:
-    ahead = gains.lookahead
     if not gains.plans:
         return
-    guards = ahead.guard_norm == "tasks" and ahead.guard_damping is None
     given = [
-        f"{where}.{name}"
-        for where, of, names in (
-            ("controller", gains, _OF_FEEDBACK),
-            ("controller.lookahead", ahead, _OF_WEIGHTS),
-        )
-        for name in names
-        if getattr(of, name) != getattr(type(of)(), name)
-        and not (name == "damping" and guards)
+        f"controller.{name}"
+        for name in _OF_FEEDBACK
+        if getattr(gains, name) != getattr(CrarParameters(), name)
     ]
     if given:
         yield (
             f"{', '.join(given)}: no effect on tasks, for the law plans ahead; choose "
-            "lookahead.preset or lookahead.smoothness, or lookahead.preview: 0"
+            "lookahead.preset or lookahead.smoothness, or lookahead.nominal: paper"
         )
 
 

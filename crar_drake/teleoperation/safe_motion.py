@@ -15,8 +15,8 @@ from crar_drake.control.records import (
     Solution,
 )
 from crar_drake.control.safety_filter import OBSTACLE
-from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.errors import ScenarioError, nearest
+from crar_drake.law.step import CORRECTED, SCALED
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
 

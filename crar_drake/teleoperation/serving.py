@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from crar_drake.control import modes
 from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import load_robot_description
@@ -123,7 +122,7 @@ def _make_motion(
             constraints="lookahead",
             period=period,
         )
-        modes.validate(parameters)
+        parameters.validate()
     except ScenarioError as error:
         raise ScenarioError(f"--rate {rate:g}: {error}") from error
     description = load_robot_description(robot or loaded.robot)

@@ -12,12 +12,12 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from crar_drake.control.parameters import CONSTRAINTS
 from small_logs import small_log
 from small_urdfs import humanoid, humanoid_with_legs
 
 import crar_drake.run
 from crar_drake.commands import main, make_parser, options, parse
-from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import LEVELS
 from crar_drake.errors import ScenarioError
 from crar_drake.results.log import SimulationLog
@@ -598,7 +598,7 @@ COMMANDS = {
 
 def test_help_offers_what_there_is():
     assert options.LEVELS == LEVELS
-    assert options.CONSTRAINTS == tuple(MODES)
+    assert options.CONSTRAINTS == tuple(CONSTRAINTS)
     assert options.EXPERIMENTS == tuple(EXPERIMENTS)
     assert options.DEFAULT_SCENARIO in scenario_names()
 

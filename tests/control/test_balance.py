@@ -16,7 +16,7 @@ from crar_drake.control.parameters import (
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.references.ground_demand import ground_wrench
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.soles import find_masses, shrunk, sole_corners
+from crar_drake.robot.soles import masses_on_soles, shrunk, sole_corners
 from crar_drake.robot.standing import standing_description
 from crar_drake.robot.task import position_tasks
 
@@ -199,12 +199,12 @@ def test_a_cell_on_small_feet_does_not_tip(cell):
 
 
 def test_what_stands_on_the_feet_counts_and_no_post_beside_them(cell):
-    masses = find_masses(model_of(cell))
+    masses = masses_on_soles(model_of(cell))
     assert masses.mass.sum() == pytest.approx(5.0 + 4 * 0.2 + 3.0 + 2.0)
     assert masses.mass[0] == pytest.approx(5.0 + 4 * 0.2)
     # On a world that has feet of its own everything stands.
     corners = [[0.2, 0.2, 0.0], [-0.2, 0.2, 0.0], [0.0, -0.2, 0.0]]
-    everything = find_masses(model_of(replace(cell, soles={"world": corners})))
+    everything = masses_on_soles(model_of(replace(cell, soles={"world": corners})))
     assert everything.mass.sum() == pytest.approx(masses.mass.sum() + 50.0)
 
 
@@ -213,6 +213,6 @@ def test_what_does_not_stand_on_the_feet_together(cell):
     with pytest.raises(
         ModelError, match="post: nothing but the world joins it to foot"
     ):
-        find_masses(model_of(replace(cell, soles=cell.soles | post)))
+        masses_on_soles(model_of(replace(cell, soles=cell.soles | post)))
     with pytest.raises(ModelError, match="upper_arm moves, but does not stand on post"):
-        find_masses(model_of(replace(cell, soles=post)))
+        masses_on_soles(model_of(replace(cell, soles=post)))

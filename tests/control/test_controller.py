@@ -21,7 +21,7 @@ from small_robots import add_plant, chain_urdf, make_model
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.records import InputError
+from crar_drake.errors import InputError
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.task import Task
 from crar_drake.simulation.diagram import AddCrarController

@@ -15,8 +15,8 @@ from small_robots import add_plant, chain_urdf, make_model
 from crar_drake.control import effort_limits, parameters
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.records import InputError
-from crar_drake.equations.admission import SCALED
+from crar_drake.errors import InputError
+from crar_drake.law.step import SCALED
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from crar_drake.equations.lookahead import lookahead_or_scaled
 from pydrake.multibody.tree import MultibodyForces
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
@@ -12,12 +13,9 @@ from small_robots import chain_urdf, free_of_constraints, make_model, random_sta
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
-from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.records import InputError
-from crar_drake.equations.admission import SCALED
-from crar_drake.equations.lookahead import lookahead_or_scaled
-from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.errors import InputError, ModelError, ScenarioError
+from crar_drake.law.step import SCALED
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -145,7 +143,7 @@ def test_inertia_metric_has_the_least_kinetic_energy(on_rail):
 )
 def test_variants_of_the_paper_are_for_its_own_constraints(changes, message):
     with pytest.raises(ScenarioError, match=message):
-        validate(CrarParameters(**({"constraints": "paper"} | changes)))
+        (CrarParameters(**({"constraints": "paper"} | changes))).validate()
 
 
 def test_unknown_constraints_are_refused_by_the_parameters_themselves():

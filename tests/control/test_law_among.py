@@ -26,8 +26,8 @@ from crar_drake import (
     Task,
     load_robot_description,
 )
-from crar_drake.equations.admission import AS_NOMINAL
 from crar_drake.judging.obstacle_judge import ObstacleJudge
+from crar_drake.law.step import AS_NOMINAL
 from tests.people import Tally, witness_of
 
 PERIOD = 0.01

@@ -17,7 +17,6 @@ from crar_drake.control.lookahead_parameters import (
     LEAST_SMOOTHNESS,
     LookaheadParameters,
 )
-from crar_drake.control.modes import validate
 from crar_drake.control.parameters import BalanceParameters, CrarParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.task import Task, pose_tasks
@@ -142,7 +141,7 @@ def test_a_plan_that_went_astray_is_left(model):
 def test_what_makes_no_sense_is_refused(ahead, said):
     parameters = replace(WITHOUT, lookahead=LookaheadParameters(**ahead))
     with pytest.raises(ScenarioError, match=said):
-        validate(parameters)
+        (parameters).validate()
 
 
 def test_with_the_least_smoothness_there_is_a_plan(model):

@@ -14,7 +14,6 @@ from pydrake.multibody.tree import MultibodyForces
 from crar_drake import ControlModel, load_robot_description, position_tasks
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
-from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.judging.referee import Referee
@@ -135,4 +134,4 @@ def test_without_a_longer_horizon_nothing_is_changed(model):
 
 def test_a_longest_horizon_below_the_horizon_is_refused():
     with pytest.raises(ScenarioError, match=r"longest_horizon.*at least.*0\.012 s"):
-        validate(replace(PARAMETERS, lookahead=replace(AHEAD, longest_horizon=0.01)))
+        (replace(PARAMETERS, lookahead=replace(AHEAD, longest_horizon=0.01))).validate()

@@ -12,10 +12,8 @@ from small_robots import add_plant, chain_urdf
 
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
-from crar_drake.control.records import InputError
-from crar_drake.errors import ScenarioError
+from crar_drake.errors import InputError, ScenarioError
 from crar_drake.judging.referee import Referee
 from crar_drake.results.summary import summarize
 from crar_drake.robot.description import RobotDescription
@@ -245,7 +243,7 @@ def test_policy_must_be_known():
 
 def test_velocity_level_is_refused():
     with pytest.raises(ScenarioError, match="controller.level.*acceleration"):
-        validate(CrarParameters(level="velocity", constraints="lookahead"))
+        (CrarParameters(level="velocity", constraints="lookahead")).validate()
 
 
 def test_log_and_summary_count_the_samples_without_targets():

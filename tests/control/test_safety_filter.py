@@ -13,10 +13,9 @@ from pydrake.systems.framework import DiagramBuilder
 from small_robots import CAPSULE, chain_urdf, make_model
 
 from crar_drake import ControlModel, CrarError, LookaheadParameters, SafetyFilter
-from crar_drake.control.records import InputError
 from crar_drake.control.safety_filter import filter_parameters
 from crar_drake.equations.path_balls import curvature, near_on_way
-from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.errors import InputError, ModelError, ScenarioError
 from crar_drake.judging.referee import Referee
 from crar_drake.law.shapes import place_ends
 from crar_drake.robot.description import (

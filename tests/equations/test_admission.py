@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from crar_drake.equations.lookahead_guard import admit
+from crar_drake.equations.lookahead_rows import Constraints
 from grounded_robots import SPHERE, grounded
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -48,8 +50,6 @@ from crar_drake.equations.admission import (
 from crar_drake.equations.capsule_distances import CapsuleSizes, ShapePairs
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.hull_distances import no_hulls
-from crar_drake.equations.lookahead_guard import admit
-from crar_drake.equations.lookahead_rows import Constraints
 from crar_drake.judging.referee import Referee
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import RobotDescription, load_robot_description

@@ -22,7 +22,7 @@ from crar_drake.equations.compilation import hold
 from crar_drake.equations.wrenches import wrench_slopes, wrenches
 from crar_drake.errors import ModelError
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.soles import find_masses, ground_cone, shrunk, sole_corners
+from crar_drake.robot.soles import ground_cone, masses_on_soles, shrunk, sole_corners
 from crar_drake.robot.standing import standing_description
 
 T, PERIOD = 0.1, 0.01
@@ -34,7 +34,7 @@ class Standing:
     def __init__(self, description):
         description = standing_description(description)
         self.model = ControlModel.FromDescription(description, [], time_step=0.0)
-        self.masses = find_masses(self.model)
+        self.masses = masses_on_soles(self.model)
         self.soles = sole_corners(self.model, description.soles)
         self.ground = ground_cone(self.soles, 0.5, 0.02)
         self.plant = self.model.plant

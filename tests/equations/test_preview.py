@@ -3,13 +3,6 @@ of distances, and Drake's solver."""
 
 import numpy as np
 import pytest
-from pydrake.solvers import ClarabelSolver, MathematicalProgram
-from scipy.linalg import lstsq
-
-from crar_drake import ControlModel, load_robot_description, position_tasks
-from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
-from crar_drake.equations.kinematics import Measured, find_state
 from crar_drake.equations.lookahead_rows import with_resting
 from crar_drake.equations.preview import (
     effort_rows,
@@ -22,6 +15,13 @@ from crar_drake.equations.preview import (
     speed_rows,
     task_shares,
 )
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from scipy.linalg import lstsq
+
+from crar_drake import ControlModel, load_robot_description, position_tasks
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.equations.kinematics import Measured, find_state
 from crar_drake.equations.references import References
 
 PERIOD, DURATION, RHO, D, K = 5e-3, 0.16, 2e-4, 12.0, 9.0

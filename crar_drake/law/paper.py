@@ -1,4 +1,7 @@
-"""The paper's law in its order: weights (17)-(28), inverse (34), levels (10), (35)."""
+"""The nominal of the paper: weights (17)-(28), inverse (34), levels (10), (35).
+
+By itself, without a projection, it is the paper to the letter.
+"""
 
 from typing import NamedTuple
 
@@ -11,13 +14,14 @@ from crar_drake.equations.collisions import (
     collision_weights,
     pair_weights,
 )
-from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.composite_weight import composite_weights, inertia_weight
-from crar_drake.equations.handover import take_over
+from crar_drake.equations.handover import hand_over, take_over
 from crar_drake.equations.joint_limits import (
     LimitPotential,
     joint_limit_weights,
     limit_gradient,
+    limit_potential,
     limit_proximity,
 )
 from crar_drake.equations.kinematics import Measured, find_state, join_joints
@@ -36,6 +40,11 @@ from crar_drake.equations.resolved_acceleration import (
 )
 from crar_drake.equations.vectors import times
 from crar_drake.equations.weighted_inverse import damped_inverse, inverse_times
+from crar_drake.law.nominal import Nominal
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import Workspace
+
+_NO_MATRIX = np.zeros((0, 0))
 
 
 class PaperGains(NamedTuple):
@@ -138,7 +147,7 @@ def weighted_acceleration(
 
 
 class PaperNumbers(NamedTuple):
-    """What the mode is made with."""
+    """What the law is made with."""
 
     tasks: TaskGains
     limits: LimitPotential
@@ -213,7 +222,7 @@ def paper_step(
     )
 
 
-class PaperLaw(NamedTuple):
+class Numbers(NamedTuple):
     """All that stays from step to step."""
 
     robot: Held  # of a `Robot`
@@ -246,7 +255,7 @@ def paper_control(
             and targets, of `handover.hand_over`.
         kept: (2 n + Nc n,) `PaperMemory`, whose q_dot_c is NaN before the first step.
         inertia: of `paper_step`.
-        law: holds `PaperLaw`.
+        law: holds `Numbers`.
 
     Returns:
         What `paper_step` returns, one after the other.
@@ -268,6 +277,57 @@ def paper_control(
             PaperMemory(kept[:n], kept[n:pairs].reshape(Nc, n), qdot_c),
         )
     )
+
+
+class PaperLaw:
+    """The diagonal W of Eqs. (17)-(28) in the inverse of Eq. (34); or W = I."""
+
+    def __init__(
+        self,
+        model: ControlModel,
+        tasks: TaskGains,
+        gains: PaperGains,
+        constrained: bool = True,
+        with_inertia: bool = False,
+    ) -> None:
+        """
+        Args:
+            model: of the robot, its tasks and pairs.
+            tasks: gains.
+            gains: the paper's numbers.
+            constrained: else W = I: the raw motion, whose violations Fig. 2 counts.
+            with_inertia: whether W weighs by the inertia, too, see
+                `composite_weight.inertia_weight`.
+        """
+        limits = limit_potential(model.lower, model.upper)
+        mode = hold(PaperNumbers(tasks, limits, gains, constrained))
+        self._model, self._with_inertia = model, with_inertia
+        self._law = hold(Numbers(model.robot_by_pair, mode))
+        # Of what `paper_control` returns, but for the distances at its end.
+        n, nv = model.n, model.n + model.n_p
+        kept = n + len(model.pairs) * n
+        self._ends = np.cumsum([0, nv, model.m, n, kept, n]).tolist()
+        self._first = np.concatenate((np.zeros(kept), np.full(n, np.nan)))
+
+    def __call__(
+        self,
+        workspace: Workspace,
+        q: np.ndarray,
+        v: np.ndarray,
+        targets: Targets,
+        before: np.ndarray | None,
+        efforts: np.ndarray,
+    ) -> Nominal:
+        model, inertia = self._model, _NO_MATRIX
+        if self._with_inertia:
+            inertia = model.inertia_matrix(workspace)
+        found = paper_control(
+            *(q, v, model.asked_here(workspace), *hand_over(targets)),
+            *(self._first if before is None else before, inertia, self._law),
+        )
+        _, a, b, c, d, end = self._ends
+        vdot, error, W, kept = found[:a], found[a:b], found[b:c], found[c:end]
+        return Nominal(vdot, error, W, found[d:end], kept)
 
 
 _STOPPED = 1e9  # the weight of a joint that may go no farther

@@ -1,29 +1,30 @@
-"""The preview: a nominal velocity that has seen what comes next, (L10)-(L14).
+"""The nominal of a plan: accelerations that have seen what comes next, (L10)-(L14).
 
 Feedback on the present error alone begins to evade an obstacle when it is there, and
 then needs high gains to make up for it. Here the accelerations of the next moment,
 some 0.2 s, are chosen as a whole: those that follow the targets, as they are expected
 to go on, the closest with the least acceleration, and past the obstacles. Only the
-first of them is the nominal one, and all are chosen anew at the next step.
-`docs/theory/theorem.md` has the derivation.
+first of them is the nominal one, and all are chosen anew at the next step: a
+receding-horizon plan. `docs/theory/theorem.md` has the derivation.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.kinematics import Robot, State
-from crar_drake.equations.lookahead_guard import LookaheadNumbers
-from crar_drake.equations.lookahead_rows import (
-    Limits,
-    LookaheadGains,
-    limit_margins,
-    resting_velocity,
-)
+from crar_drake.equations.approach import Approach
+from crar_drake.equations.compilation import Held, compiled, hold
+from crar_drake.equations.handover import hand_over, take_over
+from crar_drake.equations.kinematics import Measured, find_state
 from crar_drake.equations.one_sided import one_sided_nearest_in
+from crar_drake.equations.path_balls import near_on_way
 from crar_drake.equations.placed_shapes import distances_at
-from crar_drake.equations.references import References
+from crar_drake.equations.references import (
+    References,
+    Targets,
+    TaskGains,
+    find_references,
+)
 from crar_drake.equations.vectors import (
     add_to_diagonal,
     cholesky,
@@ -36,7 +37,12 @@ from crar_drake.equations.vectors import (
     times,
     transposed_times,
 )
+from crar_drake.law.nominal import Nominal
+from crar_drake.law.shapes import Shapes, place_ends
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import Workspace
 
+_NO_PLAN = np.zeros(0)
 # The instants are at these shares of the preview: close together at first, for only
 # the first acceleration is used, and what is farther ahead is known less well.
 _INSTANTS = np.array([1.0, 3.0, 6.0, 10.0, 16.0]) / 16.0
@@ -59,7 +65,7 @@ _DRAWN, _DRAWN_WHOLLY = 0.5, 0.6
 
 
 class Preview(NamedTuple):
-    """What the preview is made with, by `make_preview`; N instants, 0 if it is off."""
+    """What the preview is made with, by `make_preview`; N instants."""
 
     times: np.ndarray  # (N,) tau, the instants, from now on [s]
     lengths: np.ndarray  # (N,) of the parts of constant acceleration that end there [s]
@@ -91,7 +97,7 @@ def make_preview(
     """The preview's numbers, which stay the same.
 
     Args:
-        duration: how far ahead is looked [s]; 0 for no preview.
+        duration: how far ahead is looked [s].
         smoothness: rho, what an acceleration of 1 rad/s^2 of a joint counts beside an
             error of 1 m [m s^2].
         damping, stiffness: of the null space [1/s], [1/s^2].
@@ -99,8 +105,7 @@ def make_preview(
         farthest: the error from which on a task pulls no more [rad or m].
         task_damping: lambda of what tasks are said to leave free [m].
     """
-    instants = _INSTANTS if duration > 0.0 else _INSTANTS[:0]
-    at = np.maximum(duration * instants, period * (1.0 + np.arange(len(instants))))
+    at = np.maximum(duration * _INSTANTS, period * (1.0 + np.arange(len(_INSTANTS))))
     lengths = np.diff(at, prepend=0.0)
     # A trapezoidal rule over the preview.
     weights = 0.5 * (lengths + np.append(lengths, 0.0)[1:])
@@ -183,7 +188,12 @@ def expected_motion(
 
 @compiled
 def possible_motion(
-    x: np.ndarray, q: np.ndarray, limits: Limits, fastest: float, preview: Preview
+    x: np.ndarray,
+    q: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    fastest: float,
+    preview: Preview,
 ) -> np.ndarray:
     """A motion (N, nv) that is no faster, and no farther than to the joint limits.
 
@@ -192,79 +202,101 @@ def possible_motion(
 
     Args:
         x: (N, nv) `expected_motion` [rad or m].
-        q: (n,) positions of the controlled joints.
+        q: (nv,) positions.
+        lower, upper: (n,) limits of the controlled joints.
         fastest: [rad/s or m/s].
     """
     possible = x.copy()
-    for c in range(len(q)):
+    for c in range(len(lower)):
         before = 0.0
         for i in range(len(x)):
             since = preview.lengths[i] + (preview.coasting if i == 0 else 0.0)
             most = fastest * since
             at = min(max(x[i, c], before - most), before + most)
             # Where a joint is beyond its limit already, that is where it may be.
-            at = max(at, min(limits.lower[c] - q[c], 0.0))
-            at = min(at, max(limits.upper[c] - q[c], 0.0))
+            at = max(at, min(lower[c] - q[c], 0.0))
+            at = min(at, max(upper[c] - q[c], 0.0))
             possible[i, c] = before = at
     return possible
 
 
 @compiled
-def rows_ahead(
-    state: State,
+def pair_rows_ahead(
+    q: np.ndarray,
+    v: np.ndarray,
     x: np.ndarray,
-    limits: Limits,
-    gains: LookaheadGains,
-    r: Robot,
-    reaches: Held,
+    approach: Approach,
+    shapes: Shapes,
     preview: Preview,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(L11): what a plan has to keep of pairs and limits.
+    """(L11): what a plan has to keep of pairs.
 
     Where x leads with instant i, a pair has the distance d and the gradient g; another
     plan, to x_i', changes it by g (x_i' - x_i). What is in violation now is to leave at
     its retreat speed, however deep it is, and not at once.
 
     Args:
+        q, v: (nv,), (nv,) state.
         x: (N, nv) `possible_motion` of the last plan.
-        gains: of the mode: pairs that are farther apart now than its influence distance
-            have no row.
 
     Returns:
         (C, N n) rows and (C,) the least of each that is asked for.
     """
-    pairs, of = r.pairs.value, reaches.value
-    N, n, count = len(x), r.n, len(limits.joints)
-    now = state.d[:, of.rows]
-    nearby = np.flatnonzero(np.minimum(now[0], now[1]) < gains.influence_distance)
-    shapes, moves = pairs.shapes[nearby], pairs.moves[of.rows[nearby]]
-    points = np.zeros((len(r.first), 3))
-    at_limits_now = limit_margins(state.q[:n], limits)
-    rows = np.zeros((N * (len(nearby) + count), N * n))
-    least, found = np.empty(len(rows)), 0
+    r, balls = shapes.robot.value, shapes.balls.value
+    pairs, of = r.pairs.value, shapes.reaches.value
+    N, n = len(x), r.n
+    still, points = np.zeros(len(balls.radius)), np.zeros((len(r.first), 3))
+    all_rows, all_least = np.zeros((0, N * n)), np.zeros(0)
     for i in range(N):
         until = preview.times[i] + preview.coasting
-        unmoved = until * state.v[:n]  # without any acceleration
-        if len(nearby):
-            d, g = distances_at(points, state.q + x[i], shapes, moves, r)
-            for k in np.flatnonzero(d < _NEAR):
-                gradient = g[k, :n]
-                for j in range(i + 1):
-                    put(rows[found], j * n, preview.coasted[i, j] * gradient)
-                change = (gradient * (x[i, :n] - unmoved)).sum()
-                left = now[0, nearby[k]] + gains.retreat_speed * until
-                least[found] = min(gains.distance_margin, left) - d[k] + change
-                found += 1
-        at_limits = limit_margins(state.q[:n] + x[i, :n], limits)
-        at_unmoved = limit_margins(state.q[:n] + unmoved, limits)
-        for k in np.flatnonzero(at_limits < _NEAR_LIMIT):
+        ends, centres = place_ends(q + x[i], q + x[i], r, balls)
+        some, _ = near_on_way(centres, ends, still, _NEAR, pairs, balls)
+        if not len(some):
+            continue
+        which, moves = pairs.shapes[some], pairs.moves[of.rows[some]]
+        d, g = distances_at(points, q + x[i], which, moves, r)
+        now, _ = distances_at(points, q, which, moves, r)
+        near = np.flatnonzero(d < _NEAR)
+        rows, least = np.zeros((len(near), N * n)), np.empty(len(near))
+        for found in range(len(near)):
+            k = near[found]
+            gradient = g[k, :n]
             for j in range(i + 1):
-                rows[found, j * n + limits.joints[k]] = (
-                    limits.inward[k] * preview.coasted[i, j]
-                )
-            left = at_limits_now[k] + gains.joint_retreat_speed * until
-            least[found] = min(gains.limit_margin, left) - at_unmoved[k]
-            found += 1
+                put(rows[found], j * n, preview.coasted[i, j] * gradient)
+            change = (gradient * (x[i, :n] - until * v[:n])).sum()
+            left = now[k] + approach.retreat_speed * until
+            least[found] = min(approach.distance_margin, left) - d[k] + change
+        all_rows = np.concatenate((all_rows, rows))
+        all_least = np.concatenate((all_least, least))
+    return all_rows, all_least
+
+
+@compiled
+def limit_rows_ahead(
+    q: np.ndarray,
+    v: np.ndarray,
+    x: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    approach: Approach,
+    preview: Preview,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(L11) of joint limits (n,), (n,); as `pair_rows_ahead`."""
+    N, n = len(x), len(lower)
+    rows, least, found = np.zeros((2 * N * n, N * n)), np.empty(2 * N * n), 0
+    for i in range(N):
+        until = preview.times[i] + preview.coasting
+        for c in range(n):
+            for inward in (1.0, -1.0):
+                limit = lower[c] if inward > 0.0 else upper[c]
+                if not inward * (q[c] + x[i, c] - limit) < _NEAR_LIMIT:
+                    continue
+                for j in range(i + 1):
+                    rows[found, j * n + c] = inward * preview.coasted[i, j]
+                left = inward * (q[c] - limit) + approach.joint_retreat_speed * until
+                unmoved = inward * (q[c] + until * v[c] - limit)
+                least[found] = min(approach.limit_margin, left) - unmoved
+                found += 1
     return rows[:found], least[:found]
 
 
@@ -469,62 +501,131 @@ def plan_accelerations(
     return one_sided_nearest_in(factor, cholesky_solve(factor, right), rows, least)
 
 
+class PlanNumbers(NamedTuple):
+    """What a plan is made with."""
+
+    robot: Held  # of a `Robot` without pairs, for the tasks
+    shapes: Held  # of `Shapes`
+    preview: Held  # of `Preview`
+    tasks: TaskGains
+    approach: Approach
+    lower: np.ndarray  # (n,) [rad or m]
+    upper: np.ndarray
+    period: float  # [s]
+
+
 @compiled
-def preview_plan(
-    state: State,
-    references: References,
+def plan_step(
+    q: np.ndarray,
+    v: np.ndarray,
+    tasks: np.ndarray,
+    prescribed: np.ndarray,
     posture: np.ndarray,
+    R: np.ndarray,
+    p: np.ndarray,
+    q_p: np.ndarray,
+    q_t: np.ndarray,
+    s: float,
+    s_dot: float,
+    s_ddot: float,
     before: np.ndarray,
     efforts: np.ndarray,
-    r: Robot,
-    numbers: LookaheadNumbers,
+    held: Held,
 ) -> np.ndarray:
-    """(L10)-(L13) in their order, (N n,) [rad/s^2].
+    """(L10)-(L13) in their order.
 
     Args:
-        posture: (n,) nominal one, or (0,) [rad].
+        q, v: (nv,), (nv,) state in the plant's order.
+        tasks, ..., s_ddot: the targets, of `handover.hand_over`; posture (n,) or (0,).
         before: (N n,) the plan of one period ago, or (0,).
         efforts: (k, nv + 2) of `effort_rows`.
+        held: holds `PlanNumbers`.
+
+    Returns:
+        (N n + n_p + m,) the plan; the accelerations of the prescribed joints; Eq. (11)
+        against the targets as given.
     """
-    preview, limits = numbers.preview.value, numbers.limits.value
-    n, gains = r.n, numbers.gains
-    plan = shifted_plan(before, preview, n, gains.period)
-    x = expected_motion(state.v, references.qddot_p, plan, preview)
-    x = possible_motion(x, state.q[:n], limits, gains.nominal_speed_limit, preview)
-    rows, least = rows_ahead(state, x, limits, gains, r, numbers.reaches, preview)
-    slow, least_slow = speed_rows(state.v[:n], plan, gains.nominal_speed_limit, preview)
-    weak, least_weak = effort_rows(efforts, references.qddot_p, plan)
+    numbers = held.value
+    targets = take_over(tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot)
+    r, preview, n = numbers.robot.value, numbers.preview.value, len(numbers.lower)
+    approach, lower, upper = numbers.approach, numbers.lower, numbers.upper
+    state = find_state(Measured(q.reshape(1, -1), v, np.zeros((0, 7))), r)
+    references = find_references(state, targets, r.rows.value, numbers.tasks)
+    q, v = state.q, state.v
+    last = shifted_plan(before, preview, n, numbers.period)
+    x = expected_motion(v, references.qddot_p, last, preview)
+    x = possible_motion(x, q, lower, upper, approach.fastest, preview)
+    pairs, of_pairs = pair_rows_ahead(q, v, x, approach, numbers.shapes.value, preview)
+    limits, of_limits = limit_rows_ahead(q, v, x, lower, upper, approach, preview)
+    slow, of_slow = speed_rows(v[:n], last, approach.fastest, preview)
+    weak, of_weak = effort_rows(efforts, references.qddot_p, last)
     posture_error = np.zeros(n)
     if len(posture):
-        posture_error = state.q[:n] - posture
-    return plan_accelerations(
+        posture_error = q[:n] - posture
+    plan = plan_accelerations(
         references,
         r.tasks.value.of_rows,
         preview.task_damping,
         posture_error,
-        state.v[:n],
-        np.concatenate((rows, slow, weak)),
-        np.concatenate((least, least_slow, least_weak)),
+        v[:n],
+        np.concatenate((pairs, limits, slow, weak)),
+        np.concatenate((of_pairs, of_limits, of_slow, of_weak)),
         preview,
     )
+    return np.concatenate((plan, references.qddot_p, references.error))
 
 
-@compiled
-def previewed_velocity(
-    plan: np.ndarray, qdot: np.ndarray, gains: LookaheadGains, preview: Preview
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The nominal velocity of the plan, what `lookahead_guard.nominal_velocity` is
-    without one.
+class Plan:
+    """The nominal of (L10)-(L14)."""
 
-    Args:
-        plan: (N n,) `plan_accelerations`.
-        qdot: (n,) velocities [rad/s].
+    def __init__(
+        self,
+        model: ControlModel,
+        shapes: Held,
+        preview: Preview,
+        tasks: TaskGains,
+        approach: Approach,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        period: float,
+    ) -> None:
+        """
+        Args:
+            model: of the robot, its tasks.
+            shapes: holds its `Shapes`.
+            preview: of `make_preview`.
+            tasks: gains of the prescribed joints, and the rows' weights.
+            approach: margins and speeds.
+            lower, upper: (n,) limits of the controlled joints [rad or m].
+            period: [s].
+        """
+        self._numbers = hold(
+            PlanNumbers(
+                *(model.robot_of_tasks, shapes, hold(preview), tasks),
+                *(approach, lower, upper, period),
+            )
+        )
+        self._model, self._n = model, model.n
+        self._planned = model.n * len(preview.times)
+        self._end = self._planned + model.n_p
+        self._first, self._ones = float(preview.lengths[0]), np.ones(model.n)
 
-    Returns:
-        (n,) s_0 of the first acceleration; (n,) the velocity it has led to at the first
-        instant [rad/s]; (n,) ones: nothing is weighed.
-    """
-    n = len(qdot)
-    first = plan[:n]
-    planned = qdot + preview.lengths[0] * first
-    return resting_velocity(qdot, first, gains.T), planned, np.ones(n)
+    def __call__(
+        self,
+        workspace: Workspace,
+        q: np.ndarray,
+        v: np.ndarray,
+        targets: Targets,
+        before: np.ndarray | None,
+        efforts: np.ndarray,
+    ) -> Nominal:
+        n, model = self._n, self._model
+        found = plan_step(
+            *(q, v, *hand_over(targets), _NO_PLAN if before is None else before),
+            *(efforts, self._numbers),
+        )
+        plan, vdot = found[: self._planned], np.empty(len(v))
+        vdot[model.controlled] = plan[:n]
+        vdot[model.prescribed] = found[self._planned : self._end]
+        qdot_c = v[model.controlled] + self._first * plan[:n]
+        return Nominal(vdot, found[self._end :], self._ones, qdot_c, plan)

@@ -1,0 +1,132 @@
+"""The masses of a plant, as the equations take them."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    BodyIndex,
+    ForceElementIndex,
+    PrismaticSpring,
+    RevoluteSpring,
+    UniformGravityFieldElement,
+)
+
+from crar_drake.equations.compilation import Held, hold
+from crar_drake.equations.dynamics import Dynamics
+from crar_drake.equations.wrenches import Masses
+from crar_drake.errors import ModelError
+from crar_drake.robot.kinematics import JointTree
+
+
+def find_masses(
+    plant: MultibodyPlant, joints: JointTree, bodies: Iterable[int]
+) -> Masses:
+    """The masses of some bodies, by the indices of these.
+
+    Args:
+        plant: of a robot whose base is fixed.
+        joints: its tree.
+        bodies: which count.
+    """
+    tree = joints.tree
+    N = len(tree.parent)
+    mass, moment = np.zeros(N), np.zeros((N, 3))
+    about_frame = np.zeros((N, 3, 3))
+    context = plant.CreateDefaultContext()
+    for i in sorted(bodies):
+        body = plant.get_body(BodyIndex(i))
+        frame, X = joints.place(body)
+        M = body.CalcSpatialInertiaInBodyFrame(context)
+        if not M.get_mass() > 0.0:
+            continue
+        M = M.ReExpress(X.rotation()).Shift(-X.translation())
+        mass[frame] += M.get_mass()
+        moment[frame] += M.get_mass() * M.get_com()
+        about_frame[frame] += M.CalcRotationalInertia().CopyToFullMatrix3()
+    centre = moment / np.where(mass > 0.0, mass, 1.0)[:, None]
+    own = [
+        about - m * (c @ c * np.eye(3) - np.outer(c, c))
+        for about, m, c in zip(about_frame, mass, centre, strict=True)
+    ]
+    square = 0.5 * np.trace(about_frame, axis1=1, axis2=2)
+    velocity = np.zeros(N, dtype=int)
+    velocity[joints.frame_of_velocity] = np.arange(len(joints.frame_of_velocity))
+    turn, slide = np.zeros((N, 3)), np.zeros((N, 3))
+    turn[joints.frame_of_velocity] = joints.turns
+    slide[joints.frame_of_velocity] = joints.slides
+    return Masses(
+        hold(tree),
+        velocity,
+        turn,
+        slide,
+        mass,
+        centre,
+        np.array(own),
+        np.linalg.norm(tree.fixed[:, 3, :3], axis=1),
+        np.sqrt(square / np.where(mass > 0.0, mass, 1.0)),
+        float(-plant.gravity_field().gravity_vector()[2]),
+    )
+
+
+def find_dynamics(
+    plant: MultibodyPlant, joints: JointTree, implicit_damping: np.ndarray
+) -> Held:
+    """Holds the `Dynamics` of a robot whose base is fixed.
+
+    Args:
+        plant: finalized.
+        joints: its tree.
+        implicit_damping: (nv,) what accelerations take to make up for damping that the
+            plant takes at the end of its step [kg m^2 or kg].
+
+    Raises:
+        ModelError: the plant has other forces than gravity and springs of joints.
+    """
+    nv, bodies = plant.num_velocities(), range(1, plant.num_bodies())
+    masses = find_masses(plant, joints, bodies)
+    pulled = [
+        i
+        for i in bodies
+        if plant.is_gravity_enabled(plant.get_body(BodyIndex(i)).model_instance())
+    ]
+    heavy = find_masses(plant, joints, pulled)
+    stiffness, slack = np.zeros((2, nv))
+    for i in range(plant.num_force_elements()):
+        element = plant.get_force_element(ForceElementIndex(i))
+        if isinstance(element, RevoluteSpring):
+            at = element.joint().velocity_start()
+            stiffness[at] += element.default_stiffness()
+            slack[at] += element.default_stiffness() * element.default_nominal_angle()
+        elif isinstance(element, PrismaticSpring):
+            at = element.joint().velocity_start()
+            stiffness[at] += element.stiffness()
+            slack[at] += element.stiffness() * element.nominal_position()
+        elif not isinstance(element, UniformGravityFieldElement):
+            raise ModelError(
+                f"effort limits: the plant has a {type(element).__name__}, whose force "
+                "the control law does not know; leave it or the effort limits out"
+            )
+    rotors, damping = implicit_damping.copy(), np.zeros(nv)
+    context = plant.CreateDefaultContext()
+    for index in plant.GetJointActuatorIndices():
+        actuator = plant.get_joint_actuator(index)
+        start = actuator.joint().velocity_start()
+        if actuator.num_inputs() == 1:
+            rotors[start] += actuator.calc_reflected_inertia(context)
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        start = joint.velocity_start()
+        damping[start : start + joint.num_velocities()] = joint.default_damping_vector()
+    return hold(
+        Dynamics(
+            hold(masses),
+            plant.gravity_field().gravity_vector(),
+            heavy.mass,
+            heavy.mass[:, None] * heavy.centre,
+            rotors,
+            damping,
+            stiffness,
+            slack,
+        )
+    )

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from benchmarks.filter_faults import filter_table, run_filter_faults
@@ -22,7 +23,6 @@ from benchmarks.options import (
 )
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.commands.options import positive
-from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.errors import InputError
 from crar_drake.judging.referee import Referee
 from crar_drake.robot.task import EXPERIMENTS
@@ -224,7 +224,7 @@ def find_moment(run: RunResult, settled: float = 1.0) -> Moment:
     distances[log.time > log.time[-1] - _PUSH_DURATION - 0.1] = np.inf
     sample, pair = np.unravel_index(distances.argmin(), distances.shape)
     q, hand = log.q[sample], hands[pair]
-    gradient = model.evaluate_distances(model.MakeWorkspace(), q).dd_dq[pair]
+    gradient = model.evaluate_distances(q).dd_dq[pair]
     J = hand_jacobian(run, q, hand)
     towards = -np.linalg.lstsq(J.T, gradient, rcond=None)[0]
     return Moment(

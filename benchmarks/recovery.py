@@ -99,7 +99,6 @@ def violating_posture(model: ControlModel, start: Start) -> np.ndarray:
         CrarError: there is no such pair or joint, or no such posture was found, so
             that the start asks for the impossible.
     """
-    workspace = model.MakeWorkspace()
     names = [f"{a} - {b}" for a, b in model.pairs.names]
     for known, wanted in (
         (names, start.pairs),
@@ -120,7 +119,7 @@ def violating_posture(model: ControlModel, start: Start) -> np.ndarray:
         q[c] = rng.uniform(lower, upper)
         for i, side in joints.items():
             q[c[i]] = model.upper[i] + EXCESS if side > 0 else model.lower[i] - EXCESS
-        near = model.evaluate_distances(workspace, q)
+        near = model.evaluate_distances(q)
         for _ in range(60 if len(rows) else 0):
             gap = near.d[rows] + PENETRATION
             if np.abs(gap).max() < 1e-6:
@@ -128,7 +127,7 @@ def violating_posture(model: ControlModel, start: Start) -> np.ndarray:
             step = -np.linalg.pinv(near.dd_dq[rows]) @ gap
             step *= min(1.0, 0.1 / max(np.abs(step).max(), 1e-9))
             q[c] = np.clip(q[c] + step, lower, upper)
-            near = model.evaluate_distances(workspace, q)
+            near = model.evaluate_distances(q)
         reached = np.abs(near.d[rows] + PENETRATION).max(initial=0.0) < 1e-6
         if reached and near.d[others].min() > 0.01:
             return q

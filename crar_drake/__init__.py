@@ -14,15 +14,16 @@ if TYPE_CHECKING:
     from crar_drake.control.obstacles import Obstacles
     from crar_drake.control.parameters import (
         BalanceParameters,
-        CrarParameters,
         LookaheadParameters,
+        PaperGains,
+        PaperParameters,
+        SafetyParameters,
     )
     from crar_drake.control.records import Solution
     from crar_drake.control.safety_filter import (
         FilterCommand,
         FilterReport,
         SafetyFilter,
-        filter_parameters,
     )
     from crar_drake.control.safety_filter_system import SafetyFilterSystem
     from crar_drake.control.standing_law import StandingLaw
@@ -60,7 +61,6 @@ _MODULES = {
     "ControlModel": "robot.model",
     "CrarController": "control.controller",
     "CrarError": "errors",
-    "CrarParameters": "control.parameters",
     "EXPERIMENTS": "robot.task",
     "FilterCommand": "control.safety_filter",
     "FilterReport": "control.safety_filter",
@@ -69,8 +69,11 @@ _MODULES = {
     "MakeCrarDiagram": "simulation.diagram",
     "ModelError": "errors",
     "MotionError": "errors",
+    "PaperGains": "control.parameters",
+    "PaperParameters": "control.parameters",
     "Obstacles": "control.obstacles",
     "RobotDescription": "robot.description",
+    "SafetyParameters": "control.parameters",
     "SafetyFilter": "control.safety_filter",
     "SafetyFilterSystem": "control.safety_filter_system",
     "Scenario": "simulation.scenario",
@@ -81,7 +84,6 @@ _MODULES = {
     "Task": "robot.task",
     "TaskLayout": "equations.tasks",
     "add_contact_ground": "simulation.contact_ground",
-    "filter_parameters": "control.safety_filter",
     "load_robot_description": "robot.description",
     "load_scenario": "simulation.scenario",
     "position_tasks": "robot.task",
@@ -98,7 +100,6 @@ __all__ = [
     "ControlModel",
     "CrarController",
     "CrarError",
-    "CrarParameters",
     "EXPERIMENTS",
     "FilterCommand",
     "FilterReport",
@@ -108,9 +109,12 @@ __all__ = [
     "ModelError",
     "MotionError",
     "Obstacles",
+    "PaperGains",
+    "PaperParameters",
     "RobotDescription",
     "SafetyFilter",
     "SafetyFilterSystem",
+    "SafetyParameters",
     "Scenario",
     "ScenarioError",
     "SimulationLog",
@@ -119,7 +123,6 @@ __all__ = [
     "Task",
     "TaskLayout",
     "add_contact_ground",
-    "filter_parameters",
     "load_robot_description",
     "load_scenario",
     "position_tasks",

@@ -43,7 +43,6 @@ _LOGGED = (
     "signed_distances",
     "constraint_weights",
     "status",
-    "resting_margins",
     "admission",
     "balance",
     "torque_limit",

@@ -63,6 +63,8 @@ def load_yaml(
     manual: str,
     defaults: T | None = None,
     of_others: Mapping[_Way, Any] = MappingProxyType({}),
+    kinds: Mapping[str, tuple[str, Mapping[str, type]]] = MappingProxyType({}),
+    moved: Mapping[_Way, str] = MappingProxyType({}),
 ) -> T:
     """Makes an object of a YAML text.
 
@@ -74,6 +76,9 @@ def load_yaml(
         defaults: of keys that the text leaves out; by default those of `schema`.
         of_others: the way to settings that the Drake which is installed does not
             have, to what it does anyway. They are left out where they say that.
+        kinds: top-level keys whose class one of their own keys chooses: that key, and
+            its values to classes. A class that lacks the key is not given it.
+        moved: the way to keys that there are no more, to what to write instead.
 
     Raises:
         error: the text is no YAML, is empty, has a key twice or one that the schema
@@ -106,6 +111,18 @@ def load_yaml(
             f"{source}: expected keys and values, found {_shown(document)}; see "
             f"{manual}"
         )
+    for way, instead in moved.items():
+        if _take_out(document, [way]):
+            line = lines.get(way)
+            at = f" (line {line})" if line else ""
+            raise error(f"{source}: {_spelled(way)}{at}: {instead}")
+    chosen = [_choose(document, key, *kind) for key, kind in kinds.items()]
+    others = {
+        (key, name): f"it belongs to {by}: {word}"
+        for key, (by, of) in kinds.items()
+        for word, kind in of.items()
+        for name in (*_fields(kind), by)
+    }
     foreign = _take_out(document, of_others)
     mistakes = [
         (way, _of_another_drake(value, of_others[way]))
@@ -115,8 +132,12 @@ def load_yaml(
     for way, message in mistakes or _mistakes(document, schema, ()):
         line = lines.get(way) or lines.get(way[:-1])
         at = f" (line {line})" if line else ""
+        if "unknown key" in message and way in others:
+            message = others[way]
+            if way[-1] == kinds[way[0]][0]:
+                message = f"it may be {', '.join(kinds[way[0]][1])}"
         raise error(f"{source}: {_spelled(way)}{at}: {message}")
-    if foreign:
+    if foreign or any(chosen):
         text = yaml_dump(document)
     try:
         return yaml_load_typed(schema=schema, data=text, defaults=defaults)
@@ -196,7 +217,7 @@ def _lines(root: yaml.Node, source: str, error: type[CrarError]) -> dict[_Way, i
 
 
 def _spelled(way: _Way) -> str:
-    """controller.lookahead.rho, tasks[0].frame"""
+    """controller.balance.margin, tasks[0].frame"""
     text = ""
     for part in way:
         text += f"[{part}]" if isinstance(part, int) else f".{part}"
@@ -218,6 +239,20 @@ def _take_out(document: Any, ways: Iterable[_Way]) -> dict[_Way, Any]:
     return taken
 
 
+def _choose(
+    document: dict[str, Any], key: str, by: str, kinds: Mapping[str, type]
+) -> bool:
+    """Tags a key's value with the class that its own key `by` names; whether it did."""
+    value = document.get(key)
+    if not isinstance(value, dict) or by not in value or value[by] not in kinds:
+        return False
+    kind = kinds[value[by]]
+    if by not in _fields(kind):
+        del value[by]
+    value["_tag"] = f"!{kind.__name__}"
+    return True
+
+
 def _of_another_drake(value: Any, usual: Any) -> str:
     return (
         f"{value}: the Drake that is installed does not have this setting, and does as "
@@ -235,8 +270,11 @@ def _mistakes(value: Any, schema: Any, way: _Way) -> Iterator[tuple[_Way, str]]:
         rest = [kind for kind in arguments if kind is not types.NoneType]
         if value is None and len(rest) < len(arguments):
             return
-        if len(rest) == 1:  # of several, Drake chooses by the value's tag
-            yield from _mistakes(value, rest[0], way)
+        tag = value.get("_tag") if isinstance(value, dict) else None
+        named = [kind for kind in rest if tag == f"!{getattr(kind, '__name__', '')}"]
+        # Of several, Drake chooses by the value's tag, else the first.
+        if len(rest) == 1 or named or _fields(rest[0]) is not None:
+            yield from _mistakes(value, (named or rest)[0], way)
     elif schema in (bool, int, float, str):
         if not _fits(value, schema):
             yield way, f"expected {_NAMES[schema]}, found {_shown(value)}"
@@ -264,6 +302,8 @@ def _mistakes(value: Any, schema: Any, way: _Way) -> Iterator[tuple[_Way, str]]:
             yield way, f"expected keys such as {keys}, found {_shown(value)}"
             return
         for key, entry in value.items():
+            if key == "_tag":
+                continue
             if key not in known:
                 hint = nearest(str(key), known)
                 yield (*way, str(key)), f"unknown key {str(key)!r}{hint}"

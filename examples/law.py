@@ -5,7 +5,7 @@ import numpy as np
 from crar_drake import (
     ControlLaw,
     ControlModel,
-    CrarParameters,
+    LookaheadParameters,
     load_robot_description,
     position_tasks,
 )
@@ -13,7 +13,7 @@ from crar_drake import (
 PERIOD = 0.005  # [s]
 robot = load_robot_description("obstacle_arm")
 model = ControlModel.FromDescription(robot, position_tasks(["tool"]))
-law = ControlLaw(model, CrarParameters(period=PERIOD))
+law = ControlLaw(model, LookaheadParameters(period=PERIOD))
 
 q, v = model.rest_positions(), np.zeros(model.plant.num_velocities())
 targets = model.tasks_at(q)  # x, y, z, then velocities and accelerations

@@ -2,7 +2,7 @@
 
 import sys
 
-from crar_drake import CrarParameters, Scenario
+from crar_drake import LookaheadParameters, Scenario
 from crar_drake.judging.referee import Referee
 from crar_drake.run import run_scenario
 
@@ -11,7 +11,7 @@ scenario = Scenario(
     motion="boxing",
     experiment="wrists",
     duration=float(sys.argv[1]) if len(sys.argv) > 1 else 3.0,
-    controller=CrarParameters(constraints="lookahead"),
+    controller=LookaheadParameters(),
 )
 result = run_scenario(scenario, "boxing")  # recording.html, log.npz, summary.json
 model = result.setup.model

@@ -25,7 +25,7 @@ from crar_drake import (
     AddCrarController,
     AddRobot,
     ControlModel,
-    CrarParameters,
+    LookaheadParameters,
     load_robot_description,
     position_tasks,
 )
@@ -63,7 +63,7 @@ plant.Finalize()
 links = sorted({link for pair in robot.pairs for link in pair})
 robot = replace(robot, pairs=[*robot.pairs, *([link, "post"] for link in links)])
 
-parameters = CrarParameters(period=0.005)
+parameters = LookaheadParameters(period=0.005)
 controller = AddCrarController(builder, plant, scene_graph, robot, tasks, parameters)
 path = PiecewisePolynomial.CubicShapePreserving(
     [0.0, 0.5, 2.0],

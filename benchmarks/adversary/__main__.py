@@ -19,7 +19,6 @@ from dataclasses import asdict
 from multiprocessing import active_children, get_context
 from pathlib import Path
 
-from crar_drake.control.parameters import CONSTRAINTS
 from rich.progress import track
 
 from benchmarks.adversary.cases import (
@@ -39,6 +38,7 @@ from benchmarks.adversary.run import play_and_judge, run_case
 from benchmarks.options import seed_number
 from benchmarks.page import Benchmark, run
 from crar_drake.commands.options import count, positive
+from crar_drake.control.parameters import CONSTRAINTS
 from crar_drake.errors import CrarError, nearest
 from crar_drake.files import check_folder, sole_writer, write_whole
 

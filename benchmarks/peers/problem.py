@@ -123,14 +123,14 @@ def write_crossings(folder: Path, seeds: Iterable[int]) -> list[str]:
     model = ControlModel.FromDescription(
         describe(folder, load_robot_description(robot)), position_tasks(ROBOTS[robot])
     )
-    workspace, rest = model.MakeWorkspace(), model.rest_positions()
+    rest = model.rest_positions()
 
     # Neighbours that are never farther apart need no more than the margin.
-    near = model.evaluate_distances(workspace, rest).d < motions.APART
+    near = model.evaluate_distances(rest).d < motions.APART
     less = np.where(near, motions.APART - MARGIN, 0.0)
 
     def smallest(q: np.ndarray) -> float:
-        return float((model.evaluate_distances(workspace, q).d + less).min())
+        return float((model.evaluate_distances(q).d + less).min())
 
     names = []
     for seed in seeds:
@@ -207,12 +207,11 @@ def penetrating_pose(
     model: ControlModel, q_clear: np.ndarray, q_inside: np.ndarray
 ) -> np.ndarray:
     """The pose between the two whose smallest distance is -START_DEPTH."""
-    workspace = model.MakeWorkspace()
     low, high = 0.0, 1.0
     for _ in range(50):
         share = 0.5 * (low + high)
         q = q_clear + share * (q_inside - q_clear)
-        if model.evaluate_distances(workspace, q).d.min() > -START_DEPTH:
+        if model.evaluate_distances(q).d.min() > -START_DEPTH:
             low = share
         else:
             high = share

@@ -225,11 +225,11 @@ class Stage:
             np.maximum(self.lower, rest - 1.5),
             np.minimum(self.upper, rest + 1.5),
         )
-        workspace, postures = self.model.MakeWorkspace(), []
+        postures = []
         while len(postures) < POSTURES:
             q = rest + REACH * (rng.uniform(lower, upper) - rest)
             q[: self.base] = rng.uniform(-BASE_REACH, BASE_REACH, self.base)
-            if self.model.evaluate_distances(workspace, q).d.min() > MARGIN + 1e-3:
+            if self.model.evaluate_distances(q).d.min() > MARGIN + 1e-3:
                 postures.append(q)
         postures = np.array(postures)
         each = round(STAY / PERIOD)

@@ -66,10 +66,8 @@ class Result(Case):
         mean_power: of the controlled joints [W].
         peak_torque: of a controlled joint [Nm].
         rms_acceleration: commanded, controlled joints [rad/s^2].
-        resting_distance, resting_margin: smallest of the certificate [m], [rad];
-            NaN unless constraints are "lookahead".
-        corrected, scaled: shares of the control steps that the admission corrected, or
-            scaled towards braking; NaN likewise.
+        corrected, scaled: shares of the control steps that the law corrected, or scaled
+            towards braking; NaN unless constraints are "lookahead".
         unclear: control steps that began with a braking path not known to be clear.
         path_clearance: smallest bound for distances on braking paths [m]; NaN likewise.
         longest_held_back: in corrected or scaled steps in a row [s]; NaN likewise.
@@ -90,8 +88,6 @@ class Result(Case):
     mean_power: float = float("nan")
     peak_torque: float = float("nan")
     rms_acceleration: float = float("nan")
-    resting_distance: float = float("nan")
-    resting_margin: float = float("nan")
     corrected: float = float("nan")
     scaled: float = float("nan")
     unclear: int = 0
@@ -209,8 +205,6 @@ def judge(case: Case, run: RunResult) -> tuple[Result, Violations]:
         mean_power=summary.mean_power,
         peak_torque=summary.peak_torque,
         rms_acceleration=summary.rms_acceleration,
-        resting_distance=_number(summary.resting_distance),
-        resting_margin=_number(summary.resting_margin),
         **_admission(summary),
         wall_time=_number(summary.wall_time),
     )

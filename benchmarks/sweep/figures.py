@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 import numpy as np
-from crar_drake.control.parameters import CONSTRAINTS
 
 from benchmarks.sweep.cases import Case, Result
-from crar_drake.control.parameters import LEVELS
+from crar_drake.control.parameters import CONSTRAINTS, LEVELS
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from crar_drake.commands.options import (
     positive,
 )
 from crar_drake.commands.output import FAST, OUT, counted, final_line, label
+from crar_drake.control.parameters import with_constraints
 from crar_drake.errors import ScenarioError
 
 _EXPORT_RATE = 50.0  # [Hz], at which policies usually act
@@ -196,10 +197,17 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
                 f"--{name}: {arguments.scenario} follows keyframes, not a motion"
             )
         setattr(scenario, name, value)
-    if arguments.level is not None:
-        scenario.controller.level = arguments.level
     if arguments.constraints is not None:
-        scenario.controller.constraints = arguments.constraints
+        scenario.controller = with_constraints(
+            scenario.controller, arguments.constraints
+        )
+    if arguments.level not in (None, scenario.controller.level):
+        if scenario.controller.constraints == "lookahead":
+            raise ScenarioError(
+                f"--level {arguments.level}: the lookahead chooses accelerations; take "
+                "it with --constraints paper or none"
+            )
+        scenario.controller.level = arguments.level
     if arguments.duration is not None:
         scenario.duration = arguments.duration
     scenario.validate()

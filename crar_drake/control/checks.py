@@ -1,6 +1,7 @@
 """Checks of parameters that all their classes share."""
 
 import math
+from collections.abc import Collection
 from dataclasses import fields
 from numbers import Real
 from typing import Any
@@ -22,16 +23,25 @@ def check_choice(
 def check_numbers(
     where: str,
     parameters: Any,
-    may_be_zero: set[str],
+    names: Collection[str] | None = None,
+    may_be_zero: set[str] = frozenset(),
     may_be_infinite: set[str] = frozenset(),
 ) -> None:
     """Fields that are numbers by default are numbers, positive and finite; zero or
     infinite only where that means "off".
 
+    Args:
+        where: the way to these, for messages.
+        parameters: a dataclass.
+        names: of the fields; by default all.
+        may_be_zero, may_be_infinite: which of them.
+
     Raises:
         ScenarioError: names the field.
     """
     for entry in fields(parameters):
+        if names is not None and entry.name not in names:
+            continue
         value = getattr(parameters, entry.name)
         if not isinstance(value, Real) or isinstance(value, bool):
             if isinstance(entry.default, float):

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from crar_drake.control.obstacles import ObstacleFilter, Regions
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.control.plausible import fastest_asked
 from crar_drake.control.tracking_error import (
     check_rest_posture,
@@ -28,7 +28,7 @@ from crar_drake.law.limits import Limits
 from crar_drake.law.motors import Motors
 from crar_drake.law.pairs import Pairs
 from crar_drake.law.step import SCALED, Constraint, State, Step, step
-from crar_drake.robot.balls import find_balls, robot_in_closed_form
+from crar_drake.robot.balls import find_balls
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
 
@@ -60,7 +60,7 @@ class RobotConstraints:
     def __init__(
         self,
         model: ControlModel,
-        gains: CrarParameters,
+        gains: LookaheadParameters,
         approach: Approach,
         T: float,
         others: Sequence[float],
@@ -82,8 +82,8 @@ class RobotConstraints:
         choices = {self.T, *(float(x) for x in others)}
         least = _PERIODS * self.period
         self._choices = sorted(x for x in choices if x >= least or x == self.T)
-        ahead, plant = gains.lookahead, model.plant
-        errors = joint_errors(ahead, model)
+        plant = model.plant
+        errors = joint_errors(gains, model)
         lower, upper = narrowed_limits(errors, model)
         reaches = find_reaches(
             *(model.joints, model.pairs, model.order),
@@ -93,22 +93,22 @@ class RobotConstraints:
         if errors.any():
             check_slides(errors, reaches, model)
             losses = distance_losses(errors, reaches)
-            check_rest_posture(robot, losses, ahead.floor, model)
+            check_rest_posture(robot, losses, gains.safety_distance, model)
             robot = thickened(robot, losses)
-        self._robot = robot_in_closed_form(model, robot)
+        self._robot = robot
         of_shapes = model.pairs.pair_of_shapes[model.pairs.closed_rows]
         self._approach = approach
         self.pairs = Pairs(
             *(self._robot, hold(reaches), find_balls(model, losses)),
             [model.pairs.names[i] for i in of_shapes],
-            *(float(ahead.floor), approach),
+            *(float(gains.safety_distance), approach),
         )
         speeds = gains.speed_limits(model)[model.controlled]
         fastest = np.minimum(speeds, fastest_asked(model))
         self.limits = Limits(lower, upper, fastest, approach)
         self.all: list[Constraint] = [self.limits, self.pairs]
         self.motors = self.ground = None
-        efforts = gains.effort_limits(model)
+        efforts = gains.limits_of_efforts(model)
         if np.isfinite(efforts).any():
             self.motors = Motors(model, efforts)
             self.all.append(self.motors)

@@ -20,7 +20,7 @@ from pydrake.systems.framework import (
 from crar_drake.control.diagnostics import ALL
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.obstacle_port import ObstaclePort
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters, Parameters
 from crar_drake.control.records import Memory, Solution, check_finite
 from crar_drake.equations.references import Targets
 from crar_drake.equations.vectors import is_finite
@@ -74,7 +74,7 @@ class CrarController(LeafSystem):
             [rad or m]; only if there are prescribed joints.
         nominal_posture: (n,) positions that the null space is drawn to [rad or m], the
             default posture of `ControlLaw` where nothing is connected; absent if
-            `CrarParameters.nominal_posture_gain` is 0.
+            `LookaheadParameters.posture_gain` is 0.
         obstacles: (4 N,) [x; y; z; radius] of each of N spheres that move by
             themselves, now, in W [m]. Only there if their speeds are given, and
             connected or not: where it is not, there are none. Constraints "lookahead"
@@ -99,8 +99,6 @@ class CrarController(LeafSystem):
         torque_limit: (2,) share of the nominal accelerations that the effort limits
             allowed, and the excess before clipping of the present torque tick, see
             `Solution`.
-        resting_margins: (2,) where the robot would come to rest, the smallest
-            distance [m] and the smallest margin to a joint limit [rad].
         admission: (4,) how the step was found (0 nominal, 1 corrected, 2
             scaled towards braking), the share of the nominal step, a bound from below
             for all distances on the braking path one period on [m], and whether the
@@ -108,13 +106,13 @@ class CrarController(LeafSystem):
             two are NaN where a watched pair is not examined: one with a shape that is
             no capsule, sphere, box, mesh or half space.
         balance: (3,) the same of a robot on its soles, see `law.ground`.
-        T: (1,) braking time constant of the step [s]. These four are NaN unless
+        T: (1,) braking time constant of the step [s]. These three are NaN unless
             constraints are "lookahead".
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises
     them, the inverse dynamics of Eq. (29), is computed anew at each torque tick, on the
-    state of that instant, `CrarParameters.torque_ticks` times a control period: a
+    state of that instant, `Shared.torque_ticks` times a control period: a
     torque that is held is not an acceleration that is held. Every control tick is a
     torque tick; there the law comes first, and its torque is that of the tick. In
     between only the torque changes, and NaN among the targets is not seen.
@@ -138,7 +136,7 @@ class CrarController(LeafSystem):
     def __init__(
         self,
         model: ControlModel,
-        parameters: CrarParameters | None = None,
+        parameters: Parameters | None = None,
         *,
         plant_is_discrete: bool = True,
         obstacle_speeds: Sequence[float] = (),
@@ -146,7 +144,7 @@ class CrarController(LeafSystem):
         """
         Args:
             model: the robot, its tasks and watched pairs.
-            parameters: gains and modes; by default `CrarParameters()`.
+            parameters: gains and modes; by default `LookaheadParameters()`.
             plant_is_discrete: whether the plant that takes the torque is discrete;
                 see the class documentation for what it changes.
             obstacle_speeds: (N,) bounds of the speeds of obstacles [m/s].
@@ -157,10 +155,11 @@ class CrarController(LeafSystem):
         """
         super().__init__()
         self.set_name("crar_controller")
-        gains = parameters or CrarParameters()
-        self.law = ControlLaw(
-            model, gains.among_obstacles() if obstacle_speeds else gains
-        )
+        gains = parameters or LookaheadParameters()
+        safe = isinstance(gains, LookaheadParameters)
+        if obstacle_speeds and safe:
+            gains = gains.among_obstacles()
+        self.law = ControlLaw(model, gains)
         self._plant_is_discrete = plant_is_discrete
         plant_step = model.plant.time_step() if plant_is_discrete else 0.0
         self._torque_ticks = self.law.parameters.torque_ticks(plant_step)
@@ -178,10 +177,10 @@ class CrarController(LeafSystem):
             self._prescribed_port = self.DeclareVectorInputPort(
                 "desired_prescribed", 3 * model.n_p
             )
-        if self.law.parameters.posture_gain:
+        if self.law.has_posture:
             self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
         self._obstacles = ObstaclePort(self, obstacle_speeds)
-        if self._obstacles and gains.constraints == "lookahead":
+        if self._obstacles and safe:
             self.law.among  # noqa: B018 (what does not go with them is refused now)
 
         nothing_yet = Memory()
@@ -252,7 +251,7 @@ class CrarController(LeafSystem):
         return self._prescribed_port
 
     def get_input_port_nominal_posture(self) -> InputPort | None:
-        """Port (n,), may be left open; None if `nominal_posture_gain` is 0."""
+        """Port (n,), may be left open; None if `posture_gain` is 0."""
         return self._posture_port
 
     def get_input_port_obstacles(self) -> InputPort:

@@ -74,12 +74,6 @@ ALL = (
         "which share of its limit the worst actuator was beyond it before clipping",
     ),
     Diagnostic(
-        "resting_margins",
-        lambda model: 2,
-        "where the robot would come to rest: the smallest distance [m] and the "
-        "smallest margin to a joint limit [rad]",
-    ),
-    Diagnostic(
         "admission",
         lambda model: 4,
         "how the step was found (0 nominal, 1 corrected, 2 scaled), "

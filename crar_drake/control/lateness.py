@@ -1,7 +1,7 @@
 """How late a measured state is, seen by what was commanded and what came of it.
 
 A loop with a preview is stiff: a state that is 10 ms late makes it shake, unless the
-law knows of it and answers the state that will be there (`CrarParameters.latency`). The
+law knows of it and answers the state that will be there (`Shared.latency`). The
 law can see it. With a lag of n periods the measured velocities change as was commanded
 that long ago,
 

@@ -18,9 +18,8 @@ import numpy as np
 
 from crar_drake.control.constraints import Braking, RobotConstraints
 from crar_drake.control.lateness import LATEST, Lateness, watch_lateness
-from crar_drake.control.lookahead_parameters import longer_braking_times
 from crar_drake.control.obstacles import ObstacleFilter, Obstacles
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters, PaperGains, Parameters
 from crar_drake.control.plausible import PlausibleStates
 from crar_drake.control.records import (
     STATUS_BLENDING,
@@ -40,7 +39,7 @@ from crar_drake.equations.vectors import is_finite
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.law.motors import Motors, clip_torque, share_of_nominal
 from crar_drake.law.nominal import Nominal, TaskLaw
-from crar_drake.law.paper import PaperGains, PaperLaw
+from crar_drake.law.paper import Gains, PaperLaw
 from crar_drake.law.plan import Plan, make_preview, posture_near_limits
 from crar_drake.law.step import AS_NOMINAL, State, Step, step
 from crar_drake.robot.model import ControlModel
@@ -68,15 +67,15 @@ class ControlLaw:
     Attributes:
         model: kinematics, distances, dynamics.
         parameters: gains and modes.
-        effort_limits: (nu,) see `CrarParameters.effort_limits` [Nm or N].
-        speed_limits: (nv,) see `CrarParameters.speed_limits` [rad/s or m/s].
+        effort_limits: (nu,) see `Shared.limits_of_efforts` [Nm or N].
+        speed_limits: (nv,) see `LookaheadParameters.speed_limits` [rad/s or m/s].
         target_names: what errors call tasks, prescribed positions and nominal posture.
     """
 
     target_names = ("tasks", "prescribed", "nominal_posture")
 
     def __init__(
-        self, model: ControlModel, parameters: CrarParameters | None = None
+        self, model: ControlModel, parameters: Parameters | None = None
     ) -> None:
         """
         Raises:
@@ -87,7 +86,7 @@ class ControlLaw:
             raise ModelError("give the control model at least one task")
         model.description.refuse_floating()
         self.model = model
-        self.parameters = parameters or CrarParameters()
+        self.parameters = parameters or LookaheadParameters()
         self.parameters.validate()
         gains = self.parameters
         # Always of one type, lest functions be compiled for another.
@@ -100,51 +99,51 @@ class ControlLaw:
         self._rest_posture = self._rest[model.controlled_positions]
         self._has_limits = np.isfinite(model.upper - model.lower)
         self.speed_limits = gains.speed_limits(model)
-        self.effort_limits = gains.effort_limits(model)
+        self.effort_limits = gains.limits_of_efforts(model)
         self._some_efforts = np.flatnonzero(np.isfinite(self.effort_limits))
         self._safe = gains.constraints == "lookahead"
         self._plausible = PlausibleStates(model, self._period)
         self._constraints = self._motors = None
         crowded = model.m >= model.n
-        damping, stiffness = gains.null_space_gains(crowded)
-        self._with_posture = stiffness > 0.0
-        weights = model.row_weights if model.weighs_rows else _NOTHING
-        tasks = TaskGains(
-            *(float(gains.K), float(gains.Kp), float(gains.velocity_gain)),
-            *(float(stiffness), weights),
-        )
-        self._nominal: TaskLaw
+        of_paper, stiffness = gains, 0.0
         if self._safe:
-            ahead = gains.lookahead.filled(gains.period, crowded)
-            T, longest = gains.braking_horizon, gains.longest_braking_horizon
-            others = [] if gains.balance else longer_braking_times(T, longest)
-            approach = ahead.approach()
+            of_paper, ahead = gains.gains, gains.resolved(crowded)
+            stiffness = ahead.stiffness
             self._constraints = RobotConstraints(
-                model, gains, approach, T, others, self._plant_step
+                *(model, gains, ahead.approach, ahead.T, ahead.others),
+                self._plant_step,
             )
             self._motors = self._constraints.motors
         elif len(self._some_efforts):
             self._motors = Motors(model, self.effort_limits)
+        self._with_posture = stiffness > 0.0
+        weights = model.row_weights if model.weighs_rows else _NOTHING
+        tasks = TaskGains(
+            *(float(of_paper.K), float(of_paper.Kp), float(of_paper.velocity_gain)),
+            *(stiffness, weights),
+        )
+        self._nominal: TaskLaw
         # The oldest commands whose effect a late state does not show yet.
         late = self._latency / self._period * (1.0 - _ROUNDING)
         self._num_sent = math.ceil(late) + 1 if late else 0
         if gains.plans:
             preview = make_preview(
-                *(ahead.preview, ahead.smoothness, damping, stiffness),
+                *(ahead.preview, ahead.smoothness, ahead.damping, stiffness),
                 *(self._period, ahead.farthest_pull, ahead.null_space_damping),
             )
             limits = self._constraints.limits
             self._nominal = Plan(
-                *(model, self._constraints.pairs.shapes, preview, tasks, approach),
+                *(model, self._constraints.pairs.shapes, preview, tasks),
+                ahead.approach,
                 *(limits.lower, limits.upper, self._period),
             )
             # A plan is stiff: a lag that nobody has told of is looked for.
             self._num_sent = math.ceil(late) + round(LATEST / self._period) + 2
         else:
             self._nominal = PaperLaw(
-                *(model, tasks, paper_gains(gains, len(model.pairs))),
+                *(model, tasks, paper_gains(of_paper, self._period, len(model.pairs))),
                 constrained=gains.constraints != "none",
-                with_inertia=gains.metric == "inertia",
+                with_inertia=of_paper.metric == "inertia",
             )
         self.reset()
 
@@ -162,11 +161,10 @@ class ControlLaw:
                 f"the control period, {period:g} s: make plant_config.time_step or "
                 "controller.period the other"
             )
-        if gains.longest_braking_horizon > gains.braking_horizon:
+        if gains.longest_T > gains.T and gains.balance is None:
             raise ScenarioError(
-                "controller.lookahead.longest_horizon: with moving obstacles one "
-                "horizon counts; make it the same as lookahead.horizon, or take "
-                "CrarParameters.among_obstacles()"
+                "controller.braking_time: with moving obstacles there is one braking "
+                "time constant; give it, or take LookaheadParameters.among_obstacles()"
             )
         return self._constraints.among
 
@@ -204,7 +202,7 @@ class ControlLaw:
 
         Returns:
             (n,) positions of the controlled joints [rad or m]; (0,) if the parameter
-            `nominal_posture_gain` is 0.
+            the posture gain is 0.
         """
         if not self._with_posture:
             return _NOTHING
@@ -241,7 +239,7 @@ class ControlLaw:
             prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], if there are any;
                 `model.prescribed_at` makes one.
             nominal_posture: (n,) that the null space is drawn to, unless
-                `nominal_posture_gain` is 0; by default `default_posture`.
+                the posture gain is 0; by default `default_posture`.
             obstacles: as of `solve`.
 
         Raises:
@@ -481,7 +479,7 @@ class ControlLaw:
             found, braking = self._constraints.step(state, before.regions)
             how = self._reported(found, state, before)
         elif self._motors is not None:
-            T = self.parameters.braking_horizon
+            T = self.parameters.T
             state = State(
                 *(at, rate, n, T, self._period, min(self._plant_step, self._period)),
                 *(lambda T: rate[:n] + T * asked[:n], False, asked[n:]),
@@ -515,7 +513,7 @@ class ControlLaw:
             ),
             torque_limit=np.array([share, excess]),
             obstacle=obstacle,
-            measured=(model, q, v),
+            measured=(model, q),
         )
         return solution, braking
 
@@ -634,16 +632,21 @@ class ControlLaw:
         return (solution.acceleration, *before.sent)[: self._num_sent]
 
     @property
+    def has_posture(self) -> bool:
+        """Whether the null space is drawn to a nominal posture."""
+        return self._with_posture
+
+    @property
     def brakes_without_targets(self) -> bool:
         """Whether a NaN in the targets makes the robot brake, not raise."""
-        return self._safe and self.parameters.lookahead.lost_target == "brake"
+        return self._safe
 
 
-def paper_gains(parameters: CrarParameters, num_pairs: int) -> PaperGains:
+def paper_gains(parameters: PaperGains, period: float, num_pairs: int) -> Gains:
     """The numbers of the paper's law; what is not given is NaN, or as the paper has
     it."""
     share = parameters.limit_share
-    return PaperGains(
+    return Gains(
         damping=float(parameters.damping),
         Gv=float(parameters.Gv),
         GvN=math.nan if parameters.GvN is None else float(parameters.GvN),
@@ -651,7 +654,7 @@ def paper_gains(parameters: CrarParameters, num_pairs: int) -> PaperGains:
         alpha=float(parameters.alpha),
         beta=float(parameters.beta),
         limit_share=composite_index(num_pairs) if share is None else float(share),
-        period=float(parameters.period),
+        period=float(period),
         velocity_level=parameters.level == "velocity",
     )
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.control.tracking_error import joint_errors
 from crar_drake.equations.approach import Approach
 from crar_drake.equations.compilation import Held, hold
@@ -166,7 +166,7 @@ class ObstacleFilter:
     def __init__(
         self,
         model: ControlModel,
-        gains: CrarParameters,
+        gains: LookaheadParameters,
         approach: Approach,
         robot: Held,
         T: float,
@@ -184,16 +184,16 @@ class ObstacleFilter:
         period = float(gains.period)
         if not period < T:
             raise ScenarioError(
-                f"controller.lookahead.horizon: with moving obstacles it ({T:g} s) "
+                f"controller.braking_time: with moving obstacles it ({T:g} s) "
                 f"must be longer than the period ({period:g} s)"
             )
-        speed = float(gains.lookahead.contact_speed)  # v_ok
-        errors = joint_errors(gains.lookahead, model)
+        speed = float(gains.contact_speed)  # v_ok
+        errors = joint_errors(gains, model)
         links, self.links = watched_links(model, errors)
-        self._floor = float(gains.lookahead.floor)
+        self._floor = float(gains.safety_distance)
         numbers = passing(T, period, self._floor, speed)
         self._period, self._robot = period, robot
-        self._evades, self._smoothed = gains.lookahead.evade, 0.5 * T
+        self._evades, self._smoothed = gains.evade, 0.5 * T
         self.kept_at = self._floor + _KEPT_MORE
         slows = np.log(_FAST / (numbers.kappa * min(speed, _FAST)))  # (M1), to v_ok
         evasion = Evasion(1.0 / T, numbers.eta + numbers.T_star * slows, _WEIGHT)

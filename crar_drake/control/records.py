@@ -60,7 +60,7 @@ class Solution:
             clipping. The share is decided in the control step; the excess is that of
             `actuation`.
         obstacle: that moves by itself, and the link that it holds back; None of none.
-        measured: the model, and (nq,), (nv,) the state of the control step.
+        measured: the model, and (nq,) where the robot was in the control step.
     """
 
     acceleration: np.ndarray
@@ -76,28 +76,13 @@ class Solution:
     status: np.ndarray | None = None
     torque_limit: np.ndarray | None = None
     obstacle: tuple[str, str] | None = None
-    measured: tuple[ControlModel, np.ndarray, np.ndarray] | None = None
+    measured: tuple[ControlModel, np.ndarray] | None = None
 
     @property
     def signed_distances(self) -> np.ndarray:
         """(Nc,) per watched pair, where the robot was in the control step [m]."""
-        model, q, _ = self.measured
+        model, q = self.measured
         return model.signed_distances(q)
-
-    @property
-    def resting_margins(self) -> np.ndarray:
-        """(2,) where the robot would come to rest: the smallest distance [m] and the
-        smallest margin to a joint limit [rad]; NaN unless constraints are
-        "lookahead"."""
-        if np.isnan(self.T[0]):
-            return _NAN[:2]
-        model, q, v = self.measured
-        there, rate = model.in_order(q, v)
-        there = there + self.T[0] * rate
-        distances = model.signed_distances(model.in_plant(there)[0])
-        joints = there[: model.n]
-        margins = np.minimum(joints - model.lower, model.upper - joints)
-        return np.array([distances.min(initial=np.inf), margins.min()])
 
 
 @dataclass(slots=True)
@@ -123,7 +108,7 @@ class Memory:
     start: BlendStart | None = None
     braking: Braking = Braking()  # what is known of the next state's braking path
     # accelerations (nv,) that were commanded, the newest first; as many as
-    # `CrarParameters.latency` and `lateness` need
+    # `Shared.latency` and `lateness` need
     sent: tuple[np.ndarray, ...] = ()
     # how late states are; None where nobody looks for it
     lateness: Lateness | None = None

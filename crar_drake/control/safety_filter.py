@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from crar_drake.control.constraints import Braking, RobotConstraints
 from crar_drake.control.obstacles import ObstacleFilter, Obstacles
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.control.parameters import LookaheadParameters, SafetyParameters
 from crar_drake.errors import InputError, ModelError, ScenarioError, nearest
 from crar_drake.law.joint_command import JointCommand, all_finite
 from crar_drake.law.motors import Motors
@@ -35,33 +35,10 @@ NOMINAL, BRAKING, OBSTACLE = "nominal", "braking", MovingSpheres.name
 _HOW = {AS_NOMINAL: NOMINAL, CORRECTED: "corrected", SCALED: "scaled"}
 CATCHING_UP, NO_NUMBER, NO_SENSE = "catching up", "no number", "no sense"
 
-# How fast margins of pairs may be used up, unless it is given [1/s]; but half of one in
-# a period at most. A command is changed only where it would not be clear, so late.
-_APPROACH = 100.0
-# Pairs farther apart hold nothing back, unless it is given [m].
-_INFLUENCE = 0.1
-# T of the control law, unless it is given [s].
-_HORIZON = CrarParameters().longest_braking_horizon
 # Other braking time constants are these times T: shorter ones where a robot moves so
 # fast at the start that its path over T is not collision-free, longer ones for weak
 # motors [1].
 _OTHERS = (0.2, 0.34, 0.58, 1.6, 2.6, 4.2)
-# Gains of the control law that a filter has no use for: so small that no period is too
-# long for them.
-_NO_FEEDBACK = {"K": 1e-6, "Kp": 1e-6, "Gv": 1e-6}
-
-
-def filter_parameters(period: float) -> LookaheadParameters:
-    """What a filter of a period [s] is made with unless something else is given."""
-    return LookaheadParameters(
-        horizon=_HORIZON,
-        influence_distance=_INFLUENCE,
-        approach_rate=_approach_rate(period),
-    )
-
-
-def _approach_rate(period: float) -> float:
-    return min(_APPROACH, 0.5 / period) if period > 0.0 else _APPROACH
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +70,8 @@ class FilterReport:
             obstacle's name or number, and the link; or None.
         obstacle_clearance: how far links stay from obstacles on the braking path from
             the command, less what these can come nearer while the links are faster than
-            `lookahead.contact_speed` [m]; a bound from below. NaN without obstacles,
-            while it brakes, and where a watched pair is not examined.
+            `SafetyParameters.contact_speed` [m]; a bound from below. NaN without
+            obstacles, while it brakes, and where a watched pair is not examined.
         too_fast: names of the obstacles that are where they could not be, had they kept
             the bound of their speed.
     """
@@ -189,11 +166,9 @@ class SafetyFilter:
         self,
         robot: str | os.PathLike[str] | RobotDescription | ControlModel,
         period: float = 0.02,
-        lookahead: LookaheadParameters | None = None,
+        parameters: SafetyParameters | None = None,
         *,
         effort_limits: bool = False,
-        velocity_scale: float = 1.0,
-        velocity_limits: Mapping[str, float] | None = None,
     ) -> None:
         """
         Args:
@@ -201,51 +176,28 @@ class SafetyFilter:
                 of its folder, a description, or a control model, whose plant and
                 shapes then count (a post beside the robot, say).
             period: between two calls [s].
-            lookahead: margins and horizon; by default `filter_parameters(period)`.
+            parameters: margin, speeds, errors; by default `SafetyParameters()`.
             effort_limits: whether the torque of a command, by the model, stays within
                 the motors' limits, and that of braking after it.
-            velocity_scale: share of the joints' speed limits that may be used.
-            velocity_limits: joint to its largest speed [rad/s or m/s], instead of the
-                robot's.
 
         Raises:
             ModelError: there is no such robot, or it cannot be controlled; or a control
                 model's base floats.
             ScenarioError: a number is out of range, or what is given for one is not a
-                number; or there is a preview, which plans for tasks.
+                number.
         """
         if not isinstance(period, Real):
             raise ScenarioError(f"filter.period: {period!r} is no number of seconds")
-        ahead = filter_parameters(period) if lookahead is None else lookahead
-        if not isinstance(ahead, LookaheadParameters):
+        parameters = SafetyParameters() if parameters is None else parameters
+        if type(parameters) is not SafetyParameters:
             raise ScenarioError(
-                "filter.lookahead: give LookaheadParameters, not "
-                f"{type(ahead).__name__}"
+                f"filter: give SafetyParameters, not {type(parameters).__name__}"
             )
-        velocity_limits = velocity_limits or {}
-        if not isinstance(velocity_limits, Mapping):
-            raise ScenarioError("filter.velocity_limits: give a dict of joint to speed")
-        if ahead.preset is not None or ahead.preview:
-            raise ScenarioError(
-                "filter.lookahead.preview: a filter of joints has no tasks to plan "
-                "for; leave it and the preset out"
-            )
-        # A speed of 16 rad/s, and limits that may be approached at any rate.
-        ahead = replace(ahead, nominal="paper")
-        if ahead.limit_approach_rate is None:
-            ahead = replace(ahead, limit_approach_rate=np.inf)
-        if ahead.horizon is None:
-            ahead = replace(ahead, horizon=_HORIZON)
-        if ahead.approach_rate is None:
-            ahead = replace(ahead, approach_rate=_approach_rate(period))
-        gains = CrarParameters(
-            period=period,
-            lookahead=ahead,
-            respect_effort_limits=effort_limits,
-            velocity_scale=velocity_scale,
-            velocity_limits=dict(velocity_limits),
-            **_NO_FEEDBACK,
+        gains = LookaheadParameters(
+            period=period, effort_limits=effort_limits, **vars(parameters)
         )
+        if gains.braking_time is None and period > 0.0:
+            gains = replace(gains, braking_time=gains.longest_T)
         with self._refusing():
             gains.validate()
         self.parameters = gains
@@ -254,8 +206,7 @@ class SafetyFilter:
         self.joint_names = tuple(model.joint_names)
         self._n = model.n
         self._at = {name: i for i, name in enumerate(self.joint_names)}
-        T = gains.braking_horizon
-        approach = gains.lookahead.filled(period).approach()
+        T, approach = gains.T, gains.approach_of_commands()
         self._speed = approach.fastest
         with self._refusing():
             self._robot = RobotConstraints(

@@ -9,7 +9,7 @@ floor's and the margin's, are those that are left for the robot.
 
 import numpy as np
 
-from crar_drake.control.lookahead_parameters import LookaheadParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.equations.admission import Reaches, extended, travel
 from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.nearby import nearby_distances
@@ -17,7 +17,7 @@ from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.description import find_joint
 from crar_drake.robot.model import ControlModel
 
-_WHERE = "controller.lookahead.tracking_error"
+_WHERE = "controller.tracking_error"
 
 
 def joint_errors(ahead: LookaheadParameters, model: ControlModel) -> np.ndarray:
@@ -30,7 +30,7 @@ def joint_errors(ahead: LookaheadParameters, model: ControlModel) -> np.ndarray:
             that has not one position.
     """
     plant = model.plant
-    errors = np.full(plant.num_velocities(), ahead.tracking_error or 0.0)
+    errors = np.full(plant.num_velocities(), ahead.tracking_error)
     for name, error in ahead.tracking_errors.items():
         try:
             joint = find_joint(plant, name)

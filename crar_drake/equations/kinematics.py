@@ -356,17 +356,6 @@ def find_state(measured: Measured, r: Robot) -> State:
 
 
 @compiled
-def state_distances(measured: Measured, robot: Held) -> np.ndarray:
-    """The signed distances of one configuration alone, (Nr,) [m]."""
-    r = robot.value
-    tree = r.tree.value
-    X = link_poses(measured.q, tree, tree.every)
-    points = place_points(X, r.selection, r.first)
-    d, _, _ = nearest_of_pairs(points, measured.asked, r.pairs.value)
-    return d
-
-
-@compiled
 def evaluate_state(measured: Measured, robot: Held) -> State:
     """`find_state`, of a held `Robot`."""
     return find_state(measured, robot.value)

@@ -57,7 +57,7 @@ _NONE = np.zeros(0)
 
 
 class TaskGains(NamedTuple):
-    """The gains on tasks and prescribed joints, see `CrarParameters`."""
+    """The gains on tasks and prescribed joints, see `PaperGains`."""
 
     K: float  # [1/s]
     Kp: float  # [1/s^2]

@@ -47,8 +47,8 @@ from crar_drake.robot.workspace import Workspace
 _NO_MATRIX = np.zeros((0, 0))
 
 
-class PaperGains(NamedTuple):
-    """The paper's numbers, see `CrarParameters`."""
+class Gains(NamedTuple):
+    """The paper's numbers, see `control.parameters.PaperGains`."""
 
     damping: float  # lambda [m]
     Gv: float  # [1/s]
@@ -77,7 +77,7 @@ def constraint_weights(
     limit_before: np.ndarray,
     pair_before: np.ndarray,
     limits: LimitPotential,
-    gains: PaperGains,
+    gains: Gains,
 ) -> ConstraintWeights:
     """Eqs. (17)-(28) in their order.
 
@@ -106,7 +106,7 @@ def weighted_acceleration(
     W: np.ndarray,
     inertia: np.ndarray,
     qdot_c_before: np.ndarray,
-    gains: PaperGains,
+    gains: Gains,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Eqs. (10), (15), (30)-(35) in their order, with a given W.
 
@@ -151,7 +151,7 @@ class PaperNumbers(NamedTuple):
 
     tasks: TaskGains
     limits: LimitPotential
-    gains: PaperGains
+    gains: Gains
     constrained: bool  # else W = I
 
 
@@ -286,7 +286,7 @@ class PaperLaw:
         self,
         model: ControlModel,
         tasks: TaskGains,
-        gains: PaperGains,
+        gains: Gains,
         constrained: bool = True,
         with_inertia: bool = False,
     ) -> None:
@@ -342,7 +342,7 @@ def start_step(
     dd_dq: np.ndarray,
     room: tuple[np.ndarray, np.ndarray],
     limits: LimitPotential,
-    gains: PaperGains,
+    gains: Gains,
 ) -> np.ndarray:
     """J* e, by the inverse of Eq. (34): (n,) displacements [rad or m].
 

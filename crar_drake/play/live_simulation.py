@@ -13,6 +13,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.play.live_sources import LiveSource, make_live
 from crar_drake.play.motion_clock import MotionClock, to_and_fro
@@ -85,11 +86,10 @@ class LiveSimulation:
         self._scheduled = list(scenario.disturbances.pushes)
         parameters = scenario.controller
         balls = []
-        among = parameters.among_obstacles()
-        if parameters.constraints == "lookahead" and accepted(
-            lambda: ControlLaw(self.model, among).among
-        ):
-            parameters, balls = among, [make_ball(setup)]
+        if isinstance(parameters, LookaheadParameters):
+            among = parameters.among_obstacles()
+            if accepted(lambda: ControlLaw(self.model, among).among):
+                parameters, balls = among, [make_ball(setup)]
         self.scenario = replace(
             scenario,
             controller=parameters,
@@ -156,7 +156,7 @@ class LiveSimulation:
     @property
     def floor(self) -> float:
         """What no pair comes nearer than, by the lookahead [m]."""
-        return self.scenario.controller.lookahead.floor
+        return self.scenario.controller.safety_distance
 
     @property
     def mode(self) -> str:

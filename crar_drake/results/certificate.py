@@ -14,7 +14,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.judging.referee import Referee
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import LIMIT_TOLERANCE
@@ -102,7 +102,7 @@ def has_certificate(log: SimulationLog) -> bool:
 def judge_certificate(
     log: SimulationLog,
     referee: Referee,
-    parameters: CrarParameters,
+    parameters: LookaheadParameters,
     plant_step: float,
     every: int | None = None,
 ) -> CertificateVerdict:
@@ -221,11 +221,11 @@ class _Paths:
     """The braking paths of a log's samples, each judged once."""
 
     def __init__(
-        self, log: SimulationLog, referee: Referee, parameters: CrarParameters
+        self, log: SimulationLog, referee: Referee, parameters: LookaheadParameters
     ) -> None:
-        self.floor = parameters.lookahead.floor
+        self.floor = parameters.safety_distance
         self._log, self._referee = log, referee
-        self._horizon = parameters.braking_horizon
+        self._horizon = parameters.T
         # Prescribed joints go where they are sent.
         self._limited = np.isin(referee.joint_names, log.controlled_names)
         self._moves = Moves(referee.plant)

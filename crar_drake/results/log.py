@@ -38,8 +38,6 @@ class SimulationLog:
         signed_distances: (T, Nc) per watched pair, from the control model [m].
         constraint_weights: (T, n) diagonal of W, of the controlled joints.
         status: (T, 1) tracking, blending, braking, implausible: `control.records`.
-        resting_margins: (T, 2) where the robot would come to rest, smallest distance
-            [m] and smallest margin to a limit [rad]; NaN unless "lookahead".
         admission: (T, 4) how the control step was admitted (0 nominal, 1 corrected,
             2 scaled towards braking), the share of the nominal step, a bound from below
             for all distances on the next braking path [m], and 1 if the present one is
@@ -82,7 +80,6 @@ class SimulationLog:
     signed_distances: np.ndarray = _array("T", "Nc")
     constraint_weights: np.ndarray = _array("T", "n")
     status: np.ndarray = _array("T", "1")
-    resting_margins: np.ndarray = _array("T", "2")
     admission: np.ndarray = _array("T", "4")
     balance: np.ndarray = _array("T", "3")
     torque_limit: np.ndarray = _array("T", "2")

@@ -57,7 +57,7 @@ def judge_obstacles(
         log.q[known],
         log.v[known],
         log.obstacles[known].reshape(known.sum(), -1, 4),
-        scenario.controller.lookahead.contact_speed,
+        scenario.controller.contact_speed,
     )
     return {
         obstacle.name: ObstacleFigures(

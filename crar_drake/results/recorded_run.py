@@ -134,7 +134,6 @@ class DrawnRobot:
                 (find_body(self.plant, a), find_body(self.plant, b))
                 for a, b in description.pairs
             ],
-            "scene_graph",
         )
         self.paths: list[str] = []
         self._moving: list[tuple[RigidBody, np.ndarray]] = []

@@ -61,7 +61,7 @@ def remarks(
             torque_limited,
             "torque limits hold",
             "it is too weak for this motion at this speed, or "
-            "lookahead.longest_horizon too short",
+            "controller.braking_time too short",
         ),
         *_held_back(
             for_balance,

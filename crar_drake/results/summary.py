@@ -100,10 +100,6 @@ class Summary:
     # root of the mean over time and controlled joints of the squared commanded
     # acceleration [rad/s^2]
     rms_acceleration: float
-    # smallest distance where the robot would have come to rest [m]; None unless
-    # constraints are "lookahead"
-    resting_distance: float | None
-    resting_margin: float | None  # smallest margin to a joint limit there [rad]
     # control steps in the log that tell how they were admitted; 0 unless constraints
     # are "lookahead"
     admitted_steps: int
@@ -291,8 +287,6 @@ def summarize(
         peak_torque_joint=joints.names[torque_joint],
         peak_torque_time=float(log.time[torque_sample]),
         rms_acceleration=float(np.sqrt(np.mean(joints.acceleration**2))),
-        resting_distance=_smallest(log.resting_margins[:, 0]),
-        resting_margin=_smallest(log.resting_margins[:, 1]),
         **_admission(log, scenario.controller.period),
         **_balance(log, scenario.controller.period),
         torque_limited_samples=int(np.count_nonzero(limited_samples(log))),

@@ -4,31 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.path_balls import Balls
 from crar_drake.robot.collision_pairs import CapsuleAxis
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import chain_reaches
-
-
-def robot_in_closed_form(model: ControlModel, robot: Held) -> Held:
-    """A robot without the shapes that have no closed form.
-
-    Args:
-        robot: holds its `Robot` in two configurations, as `robot_ahead`.
-    """
-    closed, r = model.pairs.closed_rows, robot.value
-    pairs = r.pairs.value
-    if len(closed) == len(pairs.moves):
-        return robot
-    every = np.arange(2 * len(closed))
-    some = pairs._replace(
-        shapes=every,
-        order=every,
-        members=every.reshape(-1, 1),
-        moves=np.ascontiguousarray(pairs.moves[closed]),
-    )
-    return hold(r._replace(pairs=hold(some)))
 
 
 def ball_about(axes: Sequence[CapsuleAxis]) -> tuple[np.ndarray, np.ndarray, float]:

@@ -22,8 +22,6 @@ from crar_drake.errors import ModelError
 from crar_drake.robot.description import GROUND
 from crar_drake.robot.hulls import Hull, hull_of, numbers_of_hulls, shape_corners
 
-DISTANCES = ("closed_form", "scene_graph")
-
 
 @dataclass(frozen=True)
 class CapsuleAxis:
@@ -58,11 +56,12 @@ class WatchedPairs:
     """The watched segment pairs of a plant, by body, with their shapes.
 
     A segment may carry several shapes: the pair's distance is then the smallest
-    over its shape pairs. Pairs of capsules, spheres, boxes and convex hulls (of meshes,
-    too) are computed by the equations, "in closed form" below; other shapes are asked
-    of SceneGraph. Against a half space, which must be one of the world's own shapes,
-    the ends of a capsule and the corners of a hull count as shapes of their own, in
-    closed form in any case.
+    over its shape pairs. What is measured is what SceneGraph answers of all shape
+    pairs; whole paths are bounded for capsules, spheres, boxes and convex hulls (of
+    meshes, too), whose pairs have a closed form. Against a half space, which must be
+    one of the world's own shapes, the ends of a capsule and the corners of a hull count
+    as shapes of their own, in closed form in any case: SceneGraph answers for spheres
+    alone.
 
     Attributes:
         names: per pair (link a, link b), in the documented order of the ports; the
@@ -84,14 +83,12 @@ class WatchedPairs:
         plant: MultibodyPlant,
         inspector: SceneGraphInspector,
         pairs: Sequence[tuple[RigidBody, RigidBody]],
-        distances: str = "closed_form",
     ) -> None:
         """
         Args:
             plant: finalized, registered with the SceneGraph of `inspector`.
             inspector: of that SceneGraph.
             pairs: the bodies of each watched pair.
-            distances: "closed_form" where there is one, or "scene_graph" for all.
 
         Raises:
             ModelError: a segment has no collision shape, or is watched against
@@ -99,8 +96,6 @@ class WatchedPairs:
                 link than the world, or is watched against a shape that is neither
                 sphere, capsule nor hull.
         """
-        if distances not in DISTANCES:
-            raise ModelError(f"distances: {distances!r} is none of {DISTANCES}")
         for a, b in pairs:
             if a.index() == b.index():
                 raise ModelError(f"link {a.name()!r} is watched against itself")
@@ -124,16 +119,15 @@ class WatchedPairs:
             axes: list[CapsuleAxis] = []
             entries: list[tuple[GeometryId, int | None]] = []
             for geometry in ids:
-                axis, shape = None, inspector.GetShape(geometry)
-                if distances == "closed_form" or isinstance(shape, HalfSpace):
-                    X_BG = inspector.GetPoseInFrame(geometry).GetAsMatrix34()
-                    try:
-                        axis = shape_axis(shape, X_BG)
-                    except ModelError as error:
-                        raise ModelError(
-                            f"link {body.name()!r}: collision geometry "
-                            f"{inspector.GetName(geometry)!r}: {error}"
-                        ) from error
+                shape = inspector.GetShape(geometry)
+                X_BG = inspector.GetPoseInFrame(geometry).GetAsMatrix34()
+                try:
+                    axis = shape_axis(shape, X_BG)
+                except ModelError as error:
+                    raise ModelError(
+                        f"link {body.name()!r}: collision geometry "
+                        f"{inspector.GetName(geometry)!r}: {error}"
+                    ) from error
                 entries.append((geometry, len(axes) if axis else None))
                 if axis:
                     axes.append(axis)
@@ -169,37 +163,34 @@ class WatchedPairs:
 
         # Shape pairs, those of one segment pair side by side.
         first_axis = np.cumsum([0] + [len(axes) for axes in self.axes])
-        axis_a, axis_b, closed, queried, members = [], [], [], [], []
-        # Row to the shape that stands, by which of its points, and the half space.
-        self._standing: dict[int, tuple[GeometryId, int, GeometryId]] = {}
+        axis_a, axis_b, closed, members = [], [], [], []
+        # Of each row its two shapes; or the one that stands on a half space, that, and
+        # by which of its points.
+        self._shapes: list[tuple[GeometryId, GeometryId, int | None]] = []
         row = 0
         for a, b in zip(self.body_a.tolist(), self.body_b.tolist(), strict=True):
             start = row
             for geometry_a, local_a in shapes[a]:
                 for geometry_b, local_b in shapes[b]:
-                    locals_a = [local_a]
+                    locals_a, stands = [local_a], False
                     if local_b is not None and self.axes[b][local_b].flat:
-                        locals_a = stand[a][geometry_a]
-                        for i in range(len(locals_a)):
-                            self._standing[row + i] = geometry_a, i, geometry_b
-                    for local in locals_a:
+                        locals_a, stands = stand[a][geometry_a], True
+                    for i, local in enumerate(locals_a):
+                        point = i if stands else None
+                        self._shapes.append((geometry_a, geometry_b, point))
                         if local is not None and local_b is not None:
                             axis_a.append(first_axis[a] + local)
                             axis_b.append(first_axis[b] + local_b)
                             closed.append(row)
-                        else:
-                            queried.append((row, geometry_a, geometry_b))
                         row += 1
             members.append(list(range(start, row)))
         self.closed_axes = np.array(axis_a, dtype=int), np.array(axis_b, dtype=int)
         self.closed_rows = np.array(closed, dtype=int)
-        self._queried = queried
         # Rectangular: a pair with fewer shape pairs repeats its first one.
         most = max(map(len, members), default=1)
         self.shape_pairs = np.array(
             [rows + rows[:1] * (most - len(rows)) for rows in members], dtype=int
         ).reshape(-1, most)
-        self._num_shape_pairs = row
         self.pair_of_shapes = np.repeat(
             np.arange(len(members)), list(map(len, members))
         )
@@ -232,36 +223,28 @@ class WatchedPairs:
         return len(self.names)
 
     @property
-    def needs_query(self) -> bool:
-        """Whether `proximity` asks SceneGraph for some shape pair."""
-        return bool(self._queried)
-
-    @property
     def not_examined(self) -> tuple[tuple[str, str], ...]:
         """The pairs, by the names of their links, of which a shape has no closed form:
-        the admission of the lookahead cannot bound them on a path."""
-        which = {int(self.pair_of_shapes[row]) for row, _, _ in self._queried}
-        return tuple(self.names[pair] for pair in sorted(which))
+        nothing bounds them on a path."""
+        open_ = np.delete(self.pair_of_shapes, self.closed_rows)
+        return tuple(self.names[pair] for pair in np.unique(open_))
 
     def for_equations(
-        self,
-        K: int,
-        num_points: int,
-        first: int,
-        moves: np.ndarray,
-        by_shape: bool = False,
-    ) -> ShapePairs:
-        """The pairs for `equations.capsule_distances`, in K configurations.
+        self, num_points: int, first: int, moves: np.ndarray
+    ) -> tuple[ShapePairs, ShapePairs]:
+        """The pairs for `equations.capsule_distances`.
 
         Args:
-            K: configurations.
             num_points: of one configuration, all of them.
             first: of these the first axis' start; all axes' starts stand there, those
                 of `axes[0]` first, then the vectors from there to their ends, and then
                 the corners of hulls.
             moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone.
-            by_shape: whether every shape pair has a row of its own; else each watched
-                pair has one, of its nearest shapes.
+
+        Returns:
+            A row for each watched pair, of its nearest shapes, by what SceneGraph
+            answers of all; and in two configurations a row for each shape pair that has
+            a closed form.
         """
         every = [axis for axes in self.axes for axis in axes]
         radii = np.array([axis.radius for axis in every])
@@ -269,13 +252,6 @@ class WatchedPairs:
         flat = np.array([axis.flat for axis in every], dtype=bool)
         a, b = self.closed_axes
         sizes = capsule_sizes(lengths[a], radii[a], lengths[b], radii[b], flat[b])
-
-        def repeated(places: np.ndarray, step: int) -> np.ndarray:
-            return np.concatenate([places + k * step for k in range(K)])
-
-        asked = np.array([row for row, _, _ in self._queried], dtype=int)
-        N = self._num_shape_pairs
-        stands = np.concatenate([repeated(self.closed_rows, N), repeated(asked, N)])
         start, vector = first, first + len(every)
         hulls, after, of_axis = [], [], np.full(len(every), -1)
         corner = vector + len(every)
@@ -287,78 +263,98 @@ class WatchedPairs:
                 corner += len(axis.hull.corners)
         extents = np.array([axis.extent for axis in every])
         sizes = sizes._replace(balls=sizes.balls + extents[a] + extents[b])
-        members = self.shape_pairs
-        if by_shape:
-            members, moves = np.arange(N)[:, np.newaxis], moves[self.pair_of_shapes]
-        return ShapePairs(
-            start_a=repeated(start + a, num_points),
-            start_b=repeated(start + b, num_points),
-            vector_a=repeated(vector + a, num_points),
-            vector_b=repeated(vector + b, num_points),
-            sizes=type(sizes)(*(np.tile(x, K) for x in sizes)),
-            shapes=np.arange(K * len(a)),
-            order=np.argsort(stands),
-            members=repeated(members, N),
-            moves=np.ascontiguousarray(moves),
-            hull_a=np.tile(of_axis[a], K),
-            hull_b=np.tile(of_axis[b], K),
+
+        def twice(places: np.ndarray) -> np.ndarray:
+            return np.concatenate([places, places + num_points])
+
+        of_paths = ShapePairs(
+            start_a=twice(start + a),
+            start_b=twice(start + b),
+            vector_a=twice(vector + a),
+            vector_b=twice(vector + b),
+            sizes=type(sizes)(*(np.tile(x, 2) for x in sizes)),
+            shapes=np.arange(2 * len(a)),
+            order=np.arange(2 * len(a)),
+            members=np.arange(2 * len(a))[:, np.newaxis],
+            moves=np.ascontiguousarray(moves[self.pair_of_shapes[self.closed_rows]]),
+            hull_a=np.tile(of_axis[a], 2),
+            hull_b=np.tile(of_axis[b], 2),
             hulls=hold(numbers_of_hulls(hulls, after)),
         )
+        of_queries = of_paths._replace(
+            shapes=np.arange(0),
+            order=np.arange(len(self._shapes)),
+            members=self.shape_pairs,
+            moves=np.ascontiguousarray(moves),
+        )
+        return of_queries, of_paths
 
-    def ask(self, queries: Sequence[QueryObject]) -> np.ndarray:
-        """SceneGraph's answers for the shapes without a closed form.
+    def ask(self, query: QueryObject) -> np.ndarray:
+        """SceneGraph's answers for all shape pairs.
 
         Returns:
-            (K Nq, 7) distance [m], normal from b to a, point on a, in W.
+            (Ns, 7) distance [m], normal from b to a, point on a, in W.
         """
-        rows = [
-            _ask(query, geometry_a, geometry_b)
-            for query in queries
-            for _, geometry_a, geometry_b in self._queried
-        ]
-        return np.array(rows).reshape(-1, 7)
+        return self._answers(query, range(len(self._shapes)))
+
+    def ask_distances(self, query: QueryObject) -> np.ndarray:
+        """SceneGraph's signed distance of each watched pair, (Nc,) [m]."""
+        ask = query.ComputeSignedDistancePairClosestPoints
+        d = np.array(
+            [
+                ask(a, b).distance if i is None else _height(query, a, i, b)[0]
+                for a, b, i in self._shapes
+            ]
+        )
+        return d[self.shape_pairs].min(axis=1)
 
     def ask_pairs(self, query: QueryObject, pairs: Iterable[int]) -> list[np.ndarray]:
         """SceneGraph's answers for some watched pairs only.
 
         Args:
-            pairs: which; the distances must be those of "scene_graph".
+            pairs: which.
 
         Returns:
             Per pair (shape pairs, 7), each as in `ask`.
         """
-        asked = {row: (a, b) for row, a, b in self._queried}
-
-        def answer(row: int) -> np.ndarray:
-            if row in asked:
-                return _ask(query, *asked[row])
-            return _height(query, *self._standing[row])
-
         return [
-            np.array([answer(row) for row in np.unique(rows).tolist()])
+            self._answers(query, np.unique(rows).tolist())
             for rows in self.shape_pairs[list(pairs)]
         ]
 
-
-def _ask(
-    query: QueryObject, geometry_a: GeometryId, geometry_b: GeometryId
-) -> np.ndarray:
-    """(7,): SceneGraph's distance, unit normal from b towards a, point on a, in W."""
-    result = query.ComputeSignedDistancePairClosestPoints(geometry_a, geometry_b)
-    X_WA = query.GetPoseInWorld(geometry_a)
-    p_ACa, normal = result.p_ACa, np.array(result.nhat_BA_W)
-    if result.id_A != geometry_a:
-        # The answer has an order of its own.
-        p_ACa, normal = result.p_BCb, -normal
-    if not np.isfinite(normal).all() or not normal.any():
-        # At an exact touch the library has no normal: take the line between the
-        # shapes' origins.
-        X_WB = query.GetPoseInWorld(geometry_b)
-        normal = X_WA.translation() - X_WB.translation()
-        if not normal.any():
-            normal = np.array([0.0, 0.0, 1.0])
-    normal = normal / np.linalg.norm(normal)
-    return np.concatenate([[result.distance], normal, X_WA.multiply(p_ACa)])
+    def _answers(self, query: QueryObject, rows: Iterable[int]) -> np.ndarray:
+        rows, ask = list(rows), query.ComputeSignedDistancePairClosestPoints
+        answers, at, poses = np.empty((len(rows), 7)), np.empty(len(rows), int), {}
+        for k, (a, b, point) in enumerate(map(self._shapes.__getitem__, rows)):
+            at[k] = poses.setdefault(a, len(poses))
+            if point is not None:
+                answers[k] = _height(query, a, point, b)
+                at[k] = -1
+                continue
+            found = ask(a, b)
+            answers[k, 0], answers[k, 1:4] = found.distance, found.nhat_BA_W
+            if found.id_A == a:
+                answers[k, 4:] = found.p_ACa
+            else:  # the answer has an order of its own
+                answers[k, 4:] = found.p_BCb
+                answers[k, 1:4] *= -1.0
+        X = np.array([query.GetPoseInWorld(a).GetAsMatrix34() for a in poses])
+        asked = np.flatnonzero(at >= 0)
+        R, p = X[at[asked], :, :3], X[at[asked], :, 3]
+        points = np.einsum("kij,kj->ki", R, answers[asked, 4:]) + p
+        answers[asked, 4:] = points
+        normals = answers[asked, 1:4]
+        lengths = np.linalg.norm(normals, axis=1)
+        for k in np.flatnonzero(~(lengths > 0.0)):
+            # At an exact touch the library has no normal: take the line between the
+            # shapes' origins.
+            _, b, _ = self._shapes[rows[asked[k]]]
+            normals[k] = p[k] - query.GetPoseInWorld(b).translation()
+            lengths[k] = np.linalg.norm(normals[k])
+            if not lengths[k]:
+                normals[k], lengths[k] = (0.0, 0.0, 1.0), 1.0
+        answers[asked, 1:4] = normals / lengths[:, None]
+        return answers
 
 
 def _height(

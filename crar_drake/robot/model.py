@@ -14,14 +14,13 @@ import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from crar_drake.equations.compilation import Held
 from crar_drake.equations.kinematics import (
     Measured,
     State,
     evaluate_state,
-    state_distances,
 )
 from crar_drake.equations.nearby import some_shapes
 from crar_drake.equations.tasks import task_weights
@@ -72,8 +71,9 @@ class ControlModel:
         pairs: the watched pairs.
         pair_moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone,
             in the order of `order`.
-        robot_by_pair, robot_ahead: for `equations.kinematics`: at one configuration,
-            a row for each pair; and at two, a row for each pair of shapes.
+        robot_by_pair, robot_ahead: for `equations.kinematics`: at one configuration, a
+            row for each pair, as SceneGraph measures it; and at two, a row for each
+            pair of shapes in closed form, for paths.
         robot_of_tasks: the same without pairs.
         n, n_p, m: numbers of controlled joints, prescribed joints and task rows; the
             six velocities of a root that floats are among the prescribed.
@@ -104,7 +104,6 @@ class ControlModel:
         scene_graph: SceneGraph,
         description: RobotDescription,
         tasks: Sequence[Task],
-        distances: str = "closed_form",
     ) -> None:
         """
         Args:
@@ -114,7 +113,6 @@ class ControlModel:
             scene_graph: where the plant's geometry is registered.
             description: the names in the plant.
             tasks: what is tracked; none for a filter of joints.
-            distances: "closed_form" or "scene_graph", see `WatchedPairs`.
 
         Raises:
             ModelError: the plant is not finalized, has constraints between its joints
@@ -134,7 +132,6 @@ class ControlModel:
             plant,
             scene_graph.model_inspector(),
             [(find_body(plant, a), find_body(plant, b)) for a, b in description.pairs],
-            distances,
         )
         self.pair_moves, self.robot_by_pair, self.robot_ahead = numbers_of_robot(
             self.joints,
@@ -154,7 +151,6 @@ class ControlModel:
         description: RobotDescription,
         tasks: Sequence[Task],
         *,
-        distances: str = "closed_form",
         time_step: float = 1e-3,
     ) -> ControlModel:
         """Parses the robot's own model file.
@@ -162,7 +158,6 @@ class ControlModel:
         Args:
             description: from `load_robot_description`.
             tasks: what is tracked.
-            distances: "closed_form" or "scene_graph".
             time_step: of the plant that will be controlled [s], 0 if continuous;
                 it tells the joint damping to make up for, the torque's instants, and
                 the state that a period leads to.
@@ -174,9 +169,7 @@ class ControlModel:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
         add_robot(plant, description)
         plant.Finalize()
-        return ControlModel(
-            builder.Build(), plant, scene_graph, description, tasks, distances
-        )
+        return ControlModel(builder.Build(), plant, scene_graph, description, tasks)
 
     @staticmethod
     def FromPlant(
@@ -184,8 +177,6 @@ class ControlModel:
         scene_graph: SceneGraph,
         description: RobotDescription,
         tasks: Sequence[Task],
-        *,
-        distances: str = "closed_form",
     ) -> ControlModel:
         """Clones a user's plant and SceneGraph as they are now.
 
@@ -211,7 +202,6 @@ class ControlModel:
             scene_graph_clone,
             description,
             tasks,
-            distances,
         )
 
     def MakeWorkspace(self) -> Workspace:
@@ -248,7 +238,7 @@ class ControlModel:
         self.plant.SetPositionsAndVelocities(
             workspace.plant_context, np.concatenate((q, v))
         )
-        return self._measured(workspace, workspace.plant_context, q, v)
+        return Measured(q[np.newaxis], v, self.asked_here(workspace))
 
     def task_state(self, q: np.ndarray, v: np.ndarray) -> State:
         """The numbers of a state (nq,), (nv,), without any pair."""
@@ -256,16 +246,15 @@ class ControlModel:
         return evaluate_state(measured, self.robot_of_tasks)
 
     def signed_distances(self, q: np.ndarray) -> np.ndarray:
-        """(Nc,) signed distance of each watched pair [m].
+        """(Nc,) signed distance of each watched pair, as SceneGraph measures it [m].
 
         Args:
             q: (nq,) positions of the whole plant.
         """
         workspace = self._own_workspace
-        if self.pairs.needs_query:
-            self.plant.SetPositions(workspace.plant_context, q)
-        measured = self._measured(workspace, workspace.plant_context, q, self._still)
-        return state_distances(measured, self.robot_by_pair)
+        self.plant.SetPositions(workspace.plant_context, q)
+        port = self.scene_graph.get_query_output_port()
+        return self.pairs.ask_distances(port.Eval(workspace.scene_graph_context))
 
     @cached_property
     def dynamics(self) -> Held:
@@ -287,40 +276,20 @@ class ControlModel:
         return self.MakeWorkspace()
 
     def asked_here(self, workspace: Workspace) -> np.ndarray:
-        """SceneGraph's answers at the workspace's state for shapes without a closed
-        form, as `Measured.asked`."""
-        context = workspace.plant_context
-        q = self.plant.GetPositions(context)
-        return self._measured(workspace, context, q, self._still).asked
+        """What SceneGraph answers at the workspace's state, as `Measured.asked`."""
+        port = self.scene_graph.get_query_output_port()
+        return self.pairs.ask(port.Eval(workspace.scene_graph_context))
 
-    def evaluate_distances(self, workspace: Workspace, q: np.ndarray) -> Distances:
-        """Eq. (20) at a configuration other than the workspace's, which stays.
+    def evaluate_distances(self, q: np.ndarray) -> Distances:
+        """Eq. (20) at a configuration.
 
         Args:
             q: (nq,) positions of the whole plant.
         """
-        context = workspace.plant_context_ahead
-        if self.pairs.needs_query:
-            self.plant.SetPositions(context, q)
-        measured = self._measured(workspace, context, np.array(q), self._still)
+        measured = self.measure(self._own_workspace, np.array(q), self._still)
         state = evaluate_state(measured, self.robot_by_pair)
         d, dd_dv = state.d[0], state.dd_dv[0]
         return Distances(d, dd_dv[:, : self.n], dd_dv[:, self.n :])
-
-    def _measured(
-        self,
-        workspace: Workspace,
-        context: Context,
-        q: np.ndarray,
-        v: np.ndarray,
-    ) -> Measured:
-        """With SceneGraph's answers, where shapes have no closed form."""
-        asked = _NOTHING_ASKED
-        if self.pairs.needs_query:
-            port = self.scene_graph.get_query_output_port()
-            of = workspace.scene_graph_context_of(context)
-            asked = self.pairs.ask([port.Eval(of)])
-        return Measured(q[np.newaxis], v, asked)
 
     def inverse_dynamics(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
         """Eqs. (2), (29): tau = H alpha + C qdot + tau_g, (nu,) [Nm or N].

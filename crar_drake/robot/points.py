@@ -91,27 +91,16 @@ def numbers_of_robot(
     pair_moves = np.ascontiguousarray(moves)
     selection, first = joints.select(placed)
 
-    def numbers(K: int, by_shape: bool) -> Held:
-        """As `equations.kinematics` takes them."""
-        return hold(
+    robots = [
+        hold(
             Robot(
-                order,
-                positions,
-                n,
-                selection,
-                first,
-                tree,
-                task_points,
-                rows,
-                hold(
-                    pairs.for_equations(
-                        K, len(placed), first_axis, pair_moves, by_shape
-                    )
-                ),
+                *(order, positions, n, selection, first, tree, task_points, rows),
+                hold(of),
             )
         )
-
-    return pair_moves, numbers(1, False), numbers(2, True)
+        for of in pairs.for_equations(len(placed), first_axis, pair_moves)
+    ]
+    return pair_moves, *robots
 
 
 def _joint_rows(layout: TaskLayout, nv: int) -> np.ndarray:

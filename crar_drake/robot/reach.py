@@ -68,7 +68,7 @@ def find_reaches(
         reach_b,
         np.ascontiguousarray((reach_a + reach_b).T),
         joints.above(order),
-        pairs.closed_rows,
+        np.arange(len(reach_a)),
         np.arange(len(reach_a)),
         np.array([places[joints.velocities[k][0]] for k in longer], dtype=np.int64),
         extents[longer],

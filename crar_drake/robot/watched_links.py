@@ -67,7 +67,7 @@ def watched_links(
     unlimited = ~np.isfinite(extents)
     if (by[longer][unlimited] @ errors).any():
         raise ScenarioError(
-            "controller.lookahead.tracking_error: a joint slides without limits, and "
+            "controller.tracking_error: a joint slides without limits, and "
             "what carries it errs: nothing bounds how near links are to obstacles; "
             "give the joint limits, or what carries it no error (tracking_errors)"
         )

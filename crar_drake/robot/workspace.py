@@ -71,23 +71,11 @@ class Workspace:
         self, diagram: Diagram, plant: MultibodyPlant, scene_graph: SceneGraph
     ) -> None:
         self._systems = diagram, plant, scene_graph
-        # The roots must be kept alive: the others are parts of them.
-        self._roots = [diagram.CreateDefaultContext() for _ in range(2)]
-        here, ahead = self._roots
-        self.plant_context: Context = plant.GetMyMutableContextFromRoot(here)
-        self.scene_graph_context: Context = scene_graph.GetMyContextFromRoot(here)
-        # For distances elsewhere, so that asking them disturbs nothing.
-        self.plant_context_ahead: Context = plant.GetMyMutableContextFromRoot(ahead)
-        self.scene_graph_context_ahead: Context = scene_graph.GetMyContextFromRoot(
-            ahead
-        )
+        # The root must be kept alive: the others are parts of it.
+        self._root = diagram.CreateDefaultContext()
+        self.plant_context: Context = plant.GetMyMutableContextFromRoot(self._root)
+        self.scene_graph_context: Context = scene_graph.GetMyContextFromRoot(self._root)
         self.forces = MultibodyForces(plant)
-
-    def scene_graph_context_of(self, plant_context: Context) -> Context:
-        """SceneGraph's context beside one of the two of the plant."""
-        if plant_context is self.plant_context:
-            return self.scene_graph_context
-        return self.scene_graph_context_ahead
 
     def __deepcopy__(self, memo: dict) -> Workspace:
         return Workspace(*self._systems)

@@ -15,7 +15,7 @@ from pydrake.visualization import ApplyVisualizationConfig
 
 from crar_drake.control.commanded_motion import CommandedMotion
 from crar_drake.control.controller import CrarController
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters, Parameters
 from crar_drake.control.standing_controller import StandingController
 from crar_drake.control.standing_law import StandingLaw
 from crar_drake.errors import ModelError, ScenarioError
@@ -90,7 +90,7 @@ def AddCrarController(
     scene_graph: SceneGraph,
     description: RobotDescription,
     tasks: Sequence[Task],
-    parameters: CrarParameters | None = None,
+    parameters: Parameters | None = None,
     *,
     control_model: ControlModel | None = None,
     model_instance: ModelInstanceIndex | None = None,
@@ -110,7 +110,7 @@ def AddCrarController(
             prescribed joints. From `AddRobot`, `load_robot_description`, or made in
             Python.
         tasks: what is tracked.
-        parameters: gains and modes; by default `CrarParameters()`.
+        parameters: `PaperParameters` or `LookaheadParameters`; by default these.
         control_model: the model that the controller computes with; by default a
             clone of `plant` and `scene_graph` as they are now. A model that is given
             has description, tasks and distances of its own, which then count. Its
@@ -129,7 +129,7 @@ def AddCrarController(
         ScenarioError: a parameter is out of range, or the control period is not a
             multiple of the plant's time step.
     """
-    parameters = parameters or CrarParameters()
+    parameters = parameters or LookaheadParameters()
     parameters.validate()
     if not plant.is_finalized():
         raise ModelError("the plant is not finalized: call plant.Finalize() first")
@@ -141,9 +141,7 @@ def AddCrarController(
             "robot alone: ControlModel.FromDescription(description, tasks)"
         )
     if control_model is None:
-        control_model = ControlModel.FromPlant(
-            plant, scene_graph, description, tasks, distances=parameters.distances
-        )
+        control_model = ControlModel.FromPlant(plant, scene_graph, description, tasks)
     model_plant = control_model.plant
     for what, theirs, ours in (
         ("positions", plant.num_positions(*part), model_plant.num_positions()),
@@ -237,7 +235,6 @@ def PrepareScenario(scenario: Scenario) -> Setup:
     model = ControlModel.FromDescription(
         description,
         scenario.task_list(),
-        distances=scenario.controller.distances,
         time_step=scenario.plant_config.time_step,
     )
     motion = load_desired_motion(scenario, model)
@@ -251,12 +248,10 @@ def PrepareScenario(scenario: Scenario) -> Setup:
 def _prepare_standing(scenario: Scenario, description: RobotDescription) -> Setup:
     """The law's model stands still on its soles, and is at each instant what the law
     commands; what is simulated floats. Both start as the robot rests."""
-    tasks, distances = scenario.task_list(), scenario.controller.distances
+    tasks = scenario.task_list()
     standing = standing_description(description)
     model, simulated = (
-        ControlModel.FromDescription(
-            described, tasks, distances=distances, time_step=time_step
-        )
+        ControlModel.FromDescription(described, tasks, time_step=time_step)
         for described, time_step in (
             (standing, 0.0),
             (description, scenario.plant_config.time_step),
@@ -429,7 +424,7 @@ def AddStandingController(
     plant: MultibodyPlant,
     law: StandingLaw,
     model: ControlModel,
-    parameters: CrarParameters | None = None,
+    parameters: Parameters | None = None,
     *,
     estimated_state: OutputPort | None = None,
 ) -> tuple[CrarController, StandingController]:
@@ -445,14 +440,14 @@ def AddStandingController(
         plant: finalized, with the robot alone on a floor (`add_contact_ground`).
         law: of that robot.
         model: of the robot that stands still (`standing_description`), continuous.
-        parameters: of the controller; by default `CrarParameters()`.
+        parameters: of the controller; by default `LookaheadParameters()`.
         estimated_state: port of the measured [q; v]; by default that of the plant.
 
     Raises:
         ModelError: the plant's joints are not those of the law or the model.
         ScenarioError: as of `AddCrarController`.
     """
-    parameters = parameters or CrarParameters()
+    parameters = parameters or LookaheadParameters()
     parameters.validate()
     check_multiple("controller.period", parameters.period, plant.time_step())
     ours, theirs = _position_names(law.plant), _position_names(plant)

@@ -15,7 +15,11 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import (
+    CONSTRAINTS,
+    LookaheadParameters,
+    PaperParameters,
+)
 from crar_drake.errors import ModelError, ScenarioError, nearest
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
 from crar_drake.motion.options import MotionOptions
@@ -99,7 +103,8 @@ class Scenario:
             lists them.
         tasks: what is tracked.
         keyframes: task name to its keyframes, instead of a motion.
-        controller: gains.
+        controller: parameters of the law: `constraints: lookahead` (the default),
+            `paper` or `none` says of which.
         standing: for a robot with soles that nothing but the ground carries; legs and
             root stay, the upper body follows. None for a root that is fixed.
         simulated_robot: what the simulated plant does of its own; of a robot that
@@ -132,7 +137,9 @@ class Scenario:
     experiment: str = ""
     tasks: list[Task] = field(default_factory=list)
     keyframes: dict[str, list[Keyframe]] = field(default_factory=dict)
-    controller: CrarParameters = field(default_factory=CrarParameters)
+    controller: LookaheadParameters | PaperParameters = field(
+        default_factory=LookaheadParameters
+    )
     standing: Standing | None = None
     simulated_robot: SimulatedRobot = field(default_factory=SimulatedRobot)
     disturbances: Disturbances = field(default_factory=Disturbances)
@@ -145,9 +152,9 @@ class Scenario:
     visualization: VisualizationConfig = field(default_factory=_visualization_config)
 
     @property
-    def law_parameters(self) -> CrarParameters:
+    def law_parameters(self) -> LookaheadParameters | PaperParameters:
         """The controller's parameters, as its obstacles ask for."""
-        if self.obstacles:
+        if self.obstacles and isinstance(self.controller, LookaheadParameters):
             return self.controller.among_obstacles()
         return self.controller
 
@@ -334,12 +341,25 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         manual="diagrams/README.md",
         defaults=Scenario(),
         of_others=settings_of_others(),
+        kinds={"controller": ("constraints", CONSTRAINTS)},
+        moved=_MOVED,
     )
     try:
         scenario.validate()
     except ScenarioError as error:
         raise ScenarioError(f"{source}: {error}") from error
     return scenario
+
+
+_CONSTANT = "it is a constant of the law; leave it out"
+# Keys of the controller that there were.
+_MOVED = {
+    ("controller", "lookahead"): "its keys are those of controller itself; see "
+    "docs/guides/your-diagram.md",
+    ("controller", "respect_effort_limits"): "write effort_limits",
+    ("controller", "nominal_posture_gain"): "write posture_gain",
+    ("controller", "distances"): _CONSTANT,
+}
 
 
 # Drake's configuration and a setting that only some versions have, with what the others

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import few
 from crar_drake.motion.report import MotionReport
 from crar_drake.robot.description import (
@@ -35,7 +34,6 @@ def run_warnings(
         recorded: whether there is a recording.
     """
     lines = [*_of_the_motion(scenario, report), *_of_the_duration(scenario, setup)]
-    lines += _of_gains_without_effect(scenario.controller)
     lines += _of_what_is_not_examined(scenario, setup.model)
     lines += _of_the_rest_posture(scenario, setup)
     lines += _of_targets_below_the_floor(scenario, setup)
@@ -77,21 +75,6 @@ def _of_the_duration(scenario: Scenario, setup: Setup) -> Iterator[str]:
         yield (
             f"duration: the {what} at {end:.2f} s; from there to "
             f"{scenario.duration:g} s the targets stand still where they were"
-        )
-
-
-def _of_gains_without_effect(gains: CrarParameters) -> Iterator[str]:
-    if not gains.plans:
-        return
-    given = [
-        f"controller.{name}"
-        for name in _OF_FEEDBACK
-        if getattr(gains, name) != getattr(CrarParameters(), name)
-    ]
-    if given:
-        yield (
-            f"{', '.join(given)}: no effect on tasks, for the law plans ahead; choose "
-            "lookahead.preset or lookahead.smoothness, or lookahead.nominal: paper"
         )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from crar_drake.equations.composite_weight import composite_index
 from crar_drake.equations.joint_limits import limit_potential
 from crar_drake.equations.references import error_from_targets
-from crar_drake.law.paper import PaperGains, start_step
+from crar_drake.law.paper import Gains, start_step
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import ModelState
 
@@ -20,7 +20,7 @@ _ITERATIONS = 300
 _ROUNDS = 10  # in which pairs are found that hold up a step
 
 # Of `start_step` alone; what it does not take is NaN.
-_GAINS = PaperGains(
+_GAINS = Gains(
     damping=0.05,
     Gv=math.nan,
     GvN=math.nan,

@@ -7,7 +7,7 @@ import numpy as np
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.control.records import (
     STATUS_BLENDING,
     STATUS_BRAKING,
@@ -60,7 +60,7 @@ class SafeMotion:
     def __init__(
         self,
         model: ControlModel,
-        parameters: CrarParameters,
+        parameters: LookaheadParameters,
         start: Mapping[str, float] | None = None,
     ) -> None:
         """
@@ -78,12 +78,6 @@ class SafeMotion:
             raise ScenarioError(
                 f"controller.constraints: {parameters.constraints!r} lets violations "
                 "happen; what moves a robot by hand needs lookahead"
-            )
-        if parameters.lookahead.lost_target != "brake":
-            raise ScenarioError(
-                "controller.lookahead.lost_target: "
-                f"{parameters.lookahead.lost_target!r}: targets that come over a "
-                "network get lost, and then the robot is to brake"
             )
         # Anybody may send obstacles, at any time.
         self.model, self.law = model, ControlLaw(model, parameters.among_obstacles())
@@ -157,7 +151,7 @@ class SafeMotion:
         self.q, self.v = np.split(solution.position_command, [len(self.q)])
         return solution
 
-    def _check_start(self, parameters: CrarParameters) -> None:
+    def _check_start(self, parameters: LookaheadParameters) -> None:
         """Raises ScenarioError: braking there is not clear."""
         state = self.q, self.v
         solution = self.advance(self.where())
@@ -166,7 +160,7 @@ class SafeMotion:
         if solution.admission[3] == 0.0:
             nearest = int(solution.signed_distances.argmin())
             a, b = self.model.pairs.names[nearest]
-            floor = parameters.lookahead.floor
+            floor = parameters.safety_distance
             raise ScenarioError(
                 f"start: {a} - {b} are {1e3 * solution.signed_distances[nearest]:.1f} "
                 f"mm apart there, and the floor is {1e3 * floor:.1f} mm"

@@ -6,7 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
+from crar_drake.control.parameters import (
+    LookaheadParameters,
+    SafetyParameters,
+    with_constraints,
+)
+from crar_drake.control.safety_filter import SafetyFilter
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
@@ -86,13 +91,13 @@ def _make_filtered(
         )
     loaded = load_scenario(scenario)
     description = load_robot_description(robot or loaded.robot)
-    stated = loaded.controller.lookahead
-    ahead = replace(
-        filter_parameters(1.0 / rate),
-        tracking_error=stated.tracking_error,
-        tracking_errors=stated.tracking_errors,
-        evade=stated.evade,
-    )
+    stated, ahead = loaded.controller, SafetyParameters()
+    if isinstance(stated, LookaheadParameters):
+        ahead = SafetyParameters(
+            tracking_error=stated.tracking_error,
+            tracking_errors=stated.tracking_errors,
+            evade=stated.evade,
+        )
     try:
         made = SafetyFilter(description, 1.0 / rate)
     except ScenarioError as error:
@@ -101,7 +106,8 @@ def _make_filtered(
     fastest = np.minimum(made.model.velocity_limits, gate.joint_speed)
     limits = dict(zip(made.joint_names, fastest.tolist(), strict=True))
     return FilteredMotion(
-        SafetyFilter(made.model, 1.0 / rate, ahead, velocity_limits=limits), start
+        SafetyFilter(made.model, 1.0 / rate, replace(ahead, velocity_limits=limits)),
+        start,
     )
 
 
@@ -117,11 +123,8 @@ def _make_motion(
         loaded.experiment, loaded.tasks = experiment, []
     period = 1.0 / rate
     try:
-        parameters = replace(
-            loaded.controller,
-            constraints="lookahead",
-            period=period,
-        )
+        parameters = with_constraints(loaded.controller, "lookahead")
+        parameters = replace(parameters, period=period)
         parameters.validate()
     except ScenarioError as error:
         raise ScenarioError(f"--rate {rate:g}: {error}") from error
@@ -131,7 +134,6 @@ def _make_motion(
     model = ControlModel.FromDescription(
         description,
         loaded.task_list(),
-        distances=parameters.distances,
         time_step=period,
     )
     return SafeMotion(model, parameters, start)

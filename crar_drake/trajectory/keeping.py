@@ -135,7 +135,7 @@ class Keeper:
         Raises:
             ModelError: watched shapes are others than capsules, spheres and hulls.
         """
-        if model.pairs.needs_query:
+        if model.pairs.not_examined:
             raise ModelError(
                 f"robot {model.description.name} has watched shapes that are neither "
                 "capsules nor spheres nor convex hulls; these alone are examined"

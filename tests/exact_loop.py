@@ -4,10 +4,10 @@ import numpy as np
 
 from crar_drake import ControlModel
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
 
 
-def follow(model: ControlModel, parameters: CrarParameters, targets: np.ndarray):
+def follow(model: ControlModel, parameters: LookaheadParameters, targets: np.ndarray):
     """From rest, prescribed joints at rest, a row of targets (K, layout.size) a period.
 
     Returns:

@@ -26,7 +26,6 @@ def grounded(
     urdf: str,
     X_WG: RigidTransform,
     tasks: Sequence[Task] = (Task(frame="tip"),),
-    distances: str = "closed_form",
     **description,
 ) -> ControlModel:
     """The robot, its base welded to the world, and a ground."""
@@ -34,5 +33,5 @@ def grounded(
     add_ground(plant, X_WG)
     plant.Finalize()
     return ControlModel.FromPlant(
-        plant, scene_graph, RobotDescription(**description), tasks, distances=distances
+        plant, scene_graph, RobotDescription(**description), tasks
     )

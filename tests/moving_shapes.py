@@ -329,12 +329,10 @@ def shapes_of(
         first=first,
         pairs=hold(
             watched.for_equations(
-                1,
                 len(placed),
                 first_axis,
                 carried[watched.body_a] - carried[watched.body_b],
-                by_shape=True,
-            )
+            )[1]
         ),
     )
     return MovingShapes(plant, scene_graph, pairs, robot, reaches)

@@ -4,7 +4,7 @@ Spheres of bounded speed run at its links: straight at the nearest or the fastes
 away, with jumps of direction, and from anywhere again after they stood in the robot.
 They are measured in every period, or lost for a while. A violation is a contact
 (distance at most 0) while the surface of the link is faster there than
-`lookahead.contact_speed`.
+`SafetyParameters.contact_speed`.
 
 What is judged are Drake's poses of links, on the straight line between commands, with
 distances and speeds of their own (`judging.obstacle_judge`): nothing of the filter
@@ -172,7 +172,7 @@ def run_at(
                     centres + share * (after - centres),
                     sizes,
                 )
-                tally.judge(*seen, filter.parameters.lookahead.contact_speed)
+                tally.judge(*seen, filter.parameters.contact_speed)
             q, v, centres = command.q, command.v, after
             tally.steps += 1
             tally.nominal += command.report.how == NOMINAL

@@ -2,30 +2,24 @@
 
 It shares nothing with `crar_drake.equations`, `crar_drake.robot.kinematics` or
 `crar_drake.robot.collision_pairs`; of the model it takes names, indices and limits.
-Jacobians are those of the witness points, distances the referee's, inverse dynamics the
-printed sum. The stages of the lookahead are least squares with slacks, its admission
-samples. Without blending and lost targets, and with a nominal posture in the lookahead
-alone.
+Jacobians are those of the witness points, inverse dynamics is the printed sum. Of the
+paper's constraints, without blending.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from one_sided_least_squares import one_sided_least_squares
-from pydrake.geometry import Capsule
-from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.geometry import Capsule, GeometryId, QueryObject
+from pydrake.multibody.tree import JacobianWrtVariable, RigidBody
 from scipy.spatial.transform import Rotation
 
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import PaperParameters
 from crar_drake.judging.referee_distances import capsule_distance
 from crar_drake.robot.description import find_body, find_frame
 from crar_drake.robot.model import ControlModel
 
 KV = JacobianWrtVariable.kV
-LIMIT_CLAMP, DISTANCE_CLAMP, SMALLEST_MARGIN = 1e-4, 1e-3, 1e-4
-NOMINAL_SPEED_LIMIT = 16.0
-FAR = 0.05  # [m] pairs whose balls are farther apart are not looked at
+LIMIT_CLAMP, DISTANCE_CLAMP = 1e-4, 1e-3
 
 
 @dataclass
@@ -38,7 +32,6 @@ class PlainStep:
     signed_distances: np.ndarray
     constraint_weights: np.ndarray
     constrained_velocity: np.ndarray
-    resting_margins: np.ndarray
 
 
 class PlainKinematics:
@@ -49,95 +42,56 @@ class PlainKinematics:
         self.plant = model.plant
         self.context = model.plant.CreateDefaultContext()
         self.world = model.plant.world_frame()
-        self._shapes: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
-        names = {name for pair in model.description.pairs for name in pair}
-        self._links = {name: self._shapes_of(name) for name in names}
-        self.pair_of_shapes = np.array(
-            [
-                pair
-                for pair, (a, b) in enumerate(model.description.pairs)
-                for _ in self._axes(a)
-                for _ in self._axes(b)
-            ]
-        )
 
     def distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(Nc,) distances and (Nc, nv) gradients, Eq. (20), of the nearest shapes."""
-        d, gradients = self.shape_distances(q)
-        nearest = []
-        for pair in range(len(self.model.description.pairs)):
-            rows = np.flatnonzero(self.pair_of_shapes == pair)
-            nearest.append(rows[np.argmin(d[rows])])
-        return d[nearest], gradients[nearest]
+        root = self.model.diagram.CreateDefaultContext()
+        self.plant.SetPositions(self.plant.GetMyMutableContextFromRoot(root), q)
+        self.plant.SetPositions(self.context, q)
+        scene_graph = self.model.scene_graph
+        query = scene_graph.get_query_output_port().Eval(
+            scene_graph.GetMyContextFromRoot(root)
+        )
+        d, gradients = [], []
+        for pair in self.model.description.pairs:
+            a, b = (find_body(self.plant, name) for name in pair)
+            distance, normal, p_a, p_b = min(
+                (
+                    self._nearest(query, of_a, of_b)
+                    for of_a in self.plant.GetCollisionGeometriesForBody(a)
+                    for of_b in self.plant.GetCollisionGeometriesForBody(b)
+                ),
+                key=lambda found: found[0],
+            )
+            d.append(distance)
+            gradients.append(normal @ (self._jacobian(p_a, a) - self._jacobian(p_b, b)))
+        return np.array(d), np.array(gradients)
 
-    def shape_distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(Ns,) distances and (Ns, nv) gradients of all pairs of shapes; kept per q."""
-        key = q.tobytes()
-        if key not in self._shapes:
-            self.plant.SetPositions(self.context, q)
-            d, gradients = [], []
-            for a, b in self.model.description.pairs:
-                for axis_a in self._axes(a):
-                    for axis_b in self._axes(b):
-                        distance, p_a, p_b = capsule_distance(*axis_a, *axis_b)
-                        n = (p_a - p_b) / np.linalg.norm(p_a - p_b)
-                        J = self._jacobian(a, p_a) - self._jacobian(b, p_b)
-                        d.append(distance)
-                        gradients.append(n @ J)
-            self._shapes[key] = np.array(d), np.array(gradients)
-        return self._shapes[key]
-
-    def smallest_on_path(
-        self, start: np.ndarray, end: np.ndarray, samples: int = 200
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(Ns,) the smallest sampled distance of each pair of shapes on the way from
-        `start` to `end`, and by how much it changes at most from sample to sample.
-
-        A pair that is farther apart than FAR counts as so far.
-        """
-        found = []
-        for t in np.linspace(0.0, 1.0, samples):
-            self.plant.SetPositions(self.context, start + t * (end - start))
-            row = []
-            known = {name: self._axes(name) for name in self._links}
-            for a, b in self.model.description.pairs:
-                for axis_a in known[a]:
-                    for axis_b in known[b]:
-                        row.append(self._near_distance(axis_a, axis_b))
-            found.append(row)
-        d = np.array(found)
-        return d.min(axis=0), np.abs(np.diff(d, axis=0)).max(axis=0)
+    def _nearest(self, query: QueryObject, a: GeometryId, b: GeometryId) -> tuple:
+        """The distance, the normal from b to a, and a point of each: SceneGraph's,
+        unless the referee's are nearer by more than 0.1 mm."""
+        found = query.ComputeSignedDistancePairClosestPoints(a, b)
+        exact, *ends = capsule_distance(*self._axis(query, a), *self._axis(query, b))
+        if found.distance > exact + 1e-4:
+            normal = (ends[0] - ends[1]) / np.linalg.norm(ends[0] - ends[1])
+            return exact, normal, *ends
+        p_a = query.GetPoseInWorld(found.id_A).multiply(found.p_ACa)
+        p_b = query.GetPoseInWorld(found.id_B).multiply(found.p_BCb)
+        if found.id_A == a:
+            return found.distance, found.nhat_BA_W, p_a, p_b
+        return found.distance, -found.nhat_BA_W, p_b, p_a
 
     @staticmethod
-    def _near_distance(axis_a: tuple, axis_b: tuple) -> float:
-        (a0, a1, radius_a), (b0, b1, radius_b) = axis_a, axis_b
-        balls = math.dist(a0 + a1, b0 + b1) / 2.0
-        balls -= (math.dist(a1, a0) + math.dist(b1, b0)) / 2.0
-        if balls - radius_a - radius_b > FAR:
-            return FAR
-        return min(capsule_distance(*axis_a, *axis_b)[0], FAR)
+    def _axis(query: QueryObject, geometry: GeometryId) -> tuple:
+        """Both ends of the axis of a capsule or sphere in W, and its radius."""
+        shape = query.inspector().GetShape(geometry)
+        half = 0.5 * shape.length() if isinstance(shape, Capsule) else 0.0
+        ends = np.array([[0.0, 0.0], [0.0, 0.0], [-half, half]])
+        return *query.GetPoseInWorld(geometry).multiply(ends).T, shape.radius()
 
-    def _axes(self, name: str) -> list[tuple[np.ndarray, np.ndarray, float]]:
-        """Per capsule or sphere of a link the ends of its axis in W, and its radius."""
-        body, shapes = self._links[name]
-        X_WB = self.plant.EvalBodyPoseInWorld(self.context, body)
-        return [(*X_WB.multiply(ends).T, radius) for ends, radius in shapes]
-
-    def _shapes_of(self, name: str) -> tuple:
-        """A link, and per shape the ends (3, 2) of its axis in it, and its radius."""
-        body = find_body(self.plant, name)
-        inspector, found = self.model.scene_graph.model_inspector(), []
-        for geometry in self.plant.GetCollisionGeometriesForBody(body):
-            shape = inspector.GetShape(geometry)
-            half = 0.5 * shape.length() if isinstance(shape, Capsule) else 0.0
-            X_BG = inspector.GetPoseInFrame(geometry)
-            ends = X_BG.multiply(np.array([[0.0, 0.0], [0.0, 0.0], [-half, half]]))
-            found.append((ends, shape.radius()))
-        return body, found
-
-    def _jacobian(self, name: str, p_W: np.ndarray) -> np.ndarray:
+    def _jacobian(self, p_W: np.ndarray, body: RigidBody) -> np.ndarray:
         """(3, nv) of the point of a link that is at p_W now."""
-        frame = find_body(self.plant, name).body_frame()
+        frame = body.body_frame()
         p_B = self.plant.CalcPointsPositions(self.context, self.world, p_W, frame)
         return self.plant.CalcJacobianTranslationalVelocity(
             self.context, KV, frame, p_B, self.world, self.world
@@ -159,6 +113,11 @@ class PlainKinematics:
             bias = plant.CalcBiasSpatialAcceleration(context, KV, frame, p_FT, W, W)
             found.append((R, p, J, bias.get_coeffs()))
         return found
+
+    def inertia(self, q: np.ndarray) -> np.ndarray:
+        """(nv, nv) H."""
+        self.plant.SetPositions(self.context, q)
+        return self.plant.CalcMassMatrix(self.context)
 
     def torque(self, q: np.ndarray, v: np.ndarray, vdot: np.ndarray) -> np.ndarray:
         """Eqs. (2), (29): H vdot + C v - tau_g and the joints' damping."""
@@ -185,44 +144,13 @@ class PlainControlLaw:
     """Like `ControlLaw`: call `step` once a control period."""
 
     def __init__(
-        self,
-        kinematics: PlainKinematics,
-        parameters: CrarParameters,
-        fastest: np.ndarray | None = None,
+        self, kinematics: PlainKinematics, parameters: PaperParameters
     ) -> None:
-        """With the speed limits (nv,) of all joints, if there are any."""
         self.kinematics, self.gains = kinematics, parameters
         self.model = kinematics.model
-        self.fastest = fastest
-        if fastest is None:
-            self.fastest = np.full(self.model.plant.num_velocities(), np.inf)
         self.memory: dict = {}
 
-    def next_state(self, q, v, vdot) -> tuple[np.ndarray, np.ndarray]:
-        """One control period on: the plant's own steps, or a parabola."""
-        period, step = self.gains.period, self.model.plant.time_step()
-        if not step:
-            return q + period * v + period**2 / 2.0 * vdot, v + period * vdot
-        steps = max(1, round(period / step))
-        for _ in range(steps):
-            v = v + period / steps * vdot
-            q = q + period / steps * v
-        return q, v
-
-    def _rest(self, q) -> np.ndarray:
-        """Joint by joint, of those that have limits on both sides."""
-        plant, wanted = self.model.plant, np.array(q)
-        for index in plant.GetJointIndices():
-            joint = plant.get_joint(index)
-            if joint.num_positions() != 1:
-                continue
-            limits = (*joint.position_lower_limits(), *joint.position_upper_limits())
-            if np.isfinite(limits).all():
-                rest = self.model.description.rest_posture.get(joint.name(), 0.0)
-                wanted[joint.position_start()] = rest
-        return wanted[self.model.controlled]
-
-    def step(self, q, v, desired, prescribed, nominal=None) -> PlainStep:
+    def step(self, q, v, desired, prescribed) -> PlainStep:
         model, gains = self.model, self.gains
         c, p = model.controlled, model.prescribed
         d, dd_dv = self.kinematics.distances(q)
@@ -238,22 +166,13 @@ class PlainControlLaw:
         a_r = S @ (a_r - J[:, p] @ vdot_p - bias)
         J = S @ J[:, c]
 
-        margins = np.full(2, np.nan)
-        if gains.constraints == "lookahead":
-            k = gains.posture_gain
-            if nominal is None:
-                nominal = self._rest(q)
-            posture = k * (nominal - q[c]) - 2.0 * np.sqrt(k) * v[c]
-            qddot, qdot_c, W, margins = self._lookahead(
-                q, v, J, v_r, a_r, vdot_p, posture
-            )
-        else:
-            qddot, qdot_c, W = self._paper(q[c], v[c], J, v_r, a_r, d, dd_dv[:, c])
+        H = self.kinematics.inertia(q)[np.ix_(c, c)]
+        qddot, qdot_c, W = self._paper(q[c], v[c], J, v_r, a_r, d, dd_dv[:, c], H)
         vdot = np.zeros(len(v))
         vdot[c], vdot[p] = qddot, vdot_p
-        self.memory |= {"qdot": v[c], "qddot": qddot, "qdot_c": qdot_c}
+        self.memory["qdot_c"] = qdot_c
         torque = self.kinematics.torque(q, v, vdot)
-        return PlainStep(torque, vdot, e, d, W, qdot_c, margins)
+        return PlainStep(torque, vdot, e, d, W, qdot_c)
 
     def _stack_tasks(self, q, v, desired):
         """J, bias, row weights, Eq. (11), v_d and a_d of all tasks' rows."""
@@ -282,15 +201,16 @@ class PlainControlLaw:
         m = len(e)
         return J, bias, S, e, desired[entry : entry + m], desired[entry + m :]
 
-    # --- constraints "none" and "paper" -------------------------------------------
-
-    def _paper(self, q, qdot, J, v_r, a_r, d, dd_dq):
+    def _paper(self, q, qdot, J, v_r, a_r, d, dd_dq, H):
         gains = self.gains
         m, n = J.shape
         W = np.ones(n)
         if gains.constraints == "paper":
             W = self._composite_weight(q, d, dd_dq)
         W_inverse = np.diag(1.0 / W)
+        if gains.metric == "inertia":
+            weight = H / np.linalg.det(H) ** (1.0 / n) + np.diag(W - 1.0)
+            W, W_inverse = np.diag(weight), np.linalg.inv(weight)
         core = J @ W_inverse @ J.T + gains.damping**2 * np.eye(m)
         J_star = W_inverse @ J.T @ np.linalg.inv(core)  # Eq. (34)
         qdot_c = J_star @ v_r  # Eq. (15)
@@ -298,7 +218,7 @@ class PlainControlLaw:
             before = self.memory.get("qdot_c", qdot_c)
             alpha = (qdot_c - before) / gains.period  # Eq. (10)
         else:
-            zeta = gains.null_space_gain * (qdot_c - qdot)  # Eq. (33)
+            zeta = gains.Gv * (qdot_c - qdot)  # Eq. (33)
             alpha = J_star @ a_r
             if m < n:
                 alpha = alpha + (np.eye(n) - J_star @ J) @ zeta  # Eq. (35)
@@ -349,135 +269,3 @@ class PlainControlLaw:
         if not (np.isfinite(lower) and np.isfinite(upper)):
             return q_i
         return min(max(q_i, lower + LIMIT_CLAMP), upper - LIMIT_CLAMP)
-
-    # --- constraints "lookahead", docs/theory/theorem.md
-    # -------------------------------
-
-    def _lookahead(self, q, v, J, v_r, a_r, vdot_p, posture):
-        model, gains, ahead = self.model, self.gains, self.gains.lookahead
-        c, p, T = model.controlled, model.prescribed, gains.braking_horizon
-        qdot, s_p = v[c], v[p] + T * vdot_p
-        slip = self._slip(qdot)
-        here = self.kinematics.shape_distances(q)
-        there = self.kinematics.shape_distances(q + T * v)  # L1
-
-        constraints = []  # g, drift, weight, retreat
-        smallest = np.inf
-        last_weighed, weighed = self.memory.get("weighed", {}), {}
-        self.memory["weighed"] = weighed
-        for pair, (d, gradient, d_there, gradient_there) in enumerate(
-            zip(*here, *there, strict=True)
-        ):
-            smallest = min(smallest, d_there)
-            curvature = (gradient_there - gradient) @ v  # of L4's rate, by the secant
-            for told, h, by_joint, more in (
-                ("L4", d + T * gradient @ v, gradient, curvature),
-                ("L3", d_there, gradient_there, 0.0),
-            ):
-                h_w = h
-                if (pair, told) in last_weighed:
-                    grown = max(last_weighed[pair, told], ahead.distance_margin)
-                    h_w = min(h, grown + ahead.retreat_speed * gains.period)
-                weighed[pair, told] = h_w
-                if h >= ahead.influence_distance:
-                    continue
-                g = by_joint[c]
-                eta = max(h_w - ahead.distance_margin, SMALLEST_MARGIN)
-                weight = ahead.rho * np.exp(-gains.alpha * eta) * eta**-gains.beta
-                weight *= gains.beta / eta + gains.alpha  # L5
-                short = max(ahead.distance_margin - h, 0.0)
-                retreat = min(ahead.retreat_rate * short, ahead.retreat_speed)
-                drift = by_joint[p] @ s_p + more + min(g @ slip, 0.0)
-                constraints.append((g, drift, weight, retreat))
-        nearest_limit = np.inf
-        for i in range(model.n):
-            lower, upper = model.lower[i], model.upper[i]
-            q_s = q[c][i] + T * qdot[i]
-            first = lower if np.isfinite(lower) else upper - 2.0 * np.pi
-            last = upper if np.isfinite(upper) else lower + 2.0 * np.pi
-            for limit, inward in ((lower, 1.0), (upper, -1.0)):
-                if not np.isfinite(limit):
-                    continue
-                h = inward * (q_s - limit)
-                g = np.zeros(model.n)
-                g[i] = inward
-                h_w = h
-                if (i, inward) in last_weighed:
-                    grown = max(last_weighed[i, inward], 0.0)
-                    h_w = min(h, grown + ahead.joint_retreat_speed * gains.period)
-                weighed[i, inward] = h_w
-                at = limit + inward * h_w
-                at = min(max(at, first + LIMIT_CLAMP), last - LIMIT_CLAMP)
-                slope = (last - first) ** 2 * (2.0 * at - last - first)
-                slope /= 4.0 * (last - at) ** 2 * (at - first) ** 2  # Eq. (17)
-                weight = ahead.rho_limits * max(-inward * slope, 0.0)
-                short = max(ahead.limit_margin - h, 0.0)
-                retreat = min(ahead.retreat_rate * short, ahead.joint_retreat_speed)
-                constraints.append((g, min(g @ slip, 0.0), weight, retreat))
-                nearest_limit = min(nearest_limit, h)
-        g, drift, weight, retreat = (
-            np.array(x) for x in zip(*constraints, strict=True)
-        )
-        root = np.sqrt(weight)
-
-        # Stage 1, L6: residuals as printed.
-        m, n = J.shape
-        regular = np.vstack([J, gains.damping * np.eye(n)])
-        rows = gains.damping * root[:, None] * g
-        qdot_c, _ = one_sided_least_squares(
-            regular,
-            np.concatenate([v_r, np.zeros(n)]),
-            rows,
-            -gains.damping * root * drift,
-        )
-        z = gains.Gv * (qdot_c - qdot)
-        pull = z + posture if m < n else np.zeros(n)
-        rate = g @ (qdot + T * z) + drift  # of h, without alpha
-        alpha, active = one_sided_least_squares(
-            regular,
-            np.concatenate([a_r, gains.damping * pull]),
-            rows,
-            -gains.damping * root * rate / T,
-        )
-        W = 1.0 + (weight[active, None] * g[active] ** 2).sum(axis=0)
-        s = qdot + T * (alpha + z)
-        s = s / max(1.0, np.abs(s).max() / NOMINAL_SPEED_LIMIT)
-        # Stage 2, L7.
-        s, _ = one_sided_least_squares(
-            np.eye(n), s, root[:, None] * g, root * (retreat - drift)
-        )
-        s = self._within_limits(q[c], qdot, s)
-        return (s - qdot) / T, qdot_c, W, np.array([smallest, nearest_limit])
-
-    def _within_limits(self, q, v, s):
-        """A2: what a joint's s leads to is found by stepping, and is linear in s."""
-        T, period = self.gains.braking_horizon, self.gains.period
-        s = s.copy()
-        for i in range(len(q)):
-
-            def next_rest(s_i, i=i):
-                q_next, v_next = self.next_state(q[i], v[i], (s_i - v[i]) / T)
-                return np.array([q_next + T * v_next, v_next])
-
-            base = next_rest(0.0)
-            slope = next_rest(1.0) - base
-            ends = (q[i], q[i] + T * v[i])
-            fastest = self.fastest[self.model.controlled][i]
-            fastest = max(fastest, abs(v[i]) * (1.0 - period / T))
-            lowest = np.array([min(self.model.lower[i], *ends), -fastest])
-            highest = np.array([max(self.model.upper[i], *ends), fastest])
-            s[i] = max(s[i], min(((lowest - base) / slope).max(), 0.0))
-            s[i] = min(s[i], max(((highest - base) / slope).min(), 0.0))
-        return s
-
-    def _slip(self, qdot):
-        """L9, through a low-pass."""
-        gains, T = self.gains, self.gains.braking_horizon
-        slip = np.zeros(len(qdot))
-        if "slip" in self.memory:
-            acceleration = (qdot - self.memory["qdot"]) / gains.period
-            seen = T * (acceleration - self.memory["qddot"])
-            share = min(1.0, gains.period / gains.lookahead.slip_time_constant)
-            slip = (1.0 - share) * self.memory["slip"] + share * seen
-        self.memory["slip"] = slip
-        return slip

@@ -41,7 +41,6 @@ def small_log(**changes) -> SimulationLog:
         signed_distances=np.array([[0.2, 0.1], [0.05, -0.01], [-0.03, -0.02]]),
         constraint_weights=np.ones((3, 2)),
         status=np.zeros((3, 1)),
-        resting_margins=np.array([[0.2, 0.4], [0.1, 0.3], [0.15, 0.2]]),
         admission=np.full((3, 4), np.nan),
         balance=np.full((3, 3), np.nan),
         torque_limit=np.array([[1.0, 0.0], [0.4, 0.0], [0.0, 0.25]]),

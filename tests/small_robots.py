@@ -12,7 +12,7 @@ from pydrake.multibody.plant import (
 )
 from pydrake.systems.framework import DiagramBuilder
 
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import PaperParameters
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -143,13 +143,12 @@ def make_model(
     tasks: Sequence[Task] = (Task(frame="tip"),),
     *,
     time_step: float = 1e-3,
-    distances: str = "closed_form",
     **description,
 ) -> ControlModel:
     """A control model of the robot; `description` fills a RobotDescription."""
     plant, scene_graph = add_plant(DiagramBuilder(), urdf, time_step=time_step)
     return ControlModel.FromPlant(
-        plant, scene_graph, RobotDescription(**description), tasks, distances=distances
+        plant, scene_graph, RobotDescription(**description), tasks
     )
 
 
@@ -160,9 +159,9 @@ def random_state(model: ControlModel, seed: int) -> tuple[np.ndarray, np.ndarray
     return rng.uniform(-1.0, 1.0, nq), rng.normal(size=nq)
 
 
-def free_of_constraints(**changes) -> CrarParameters:
+def free_of_constraints(**changes) -> PaperParameters:
     """Parameters without constraints and without blending."""
-    return CrarParameters(
+    return PaperParameters(
         **({"constraints": "none", "blend_time": 0.0, "damping": 1e-6} | changes)
     )
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from pydrake.common.yaml import yaml_load_typed
 
+from crar_drake.control.parameters import BalanceParameters, LookaheadParameters
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot_import.choices import ImportChoices, load_choices
@@ -66,8 +67,8 @@ TEXT, LIST, KEYS = "the text 'x'", "the list [1, 2]", "the keys 'a'"
     "key, path, expected",
     [
         ("duration: VALUE", "duration", "a number"),
-        ("controller: {Kp: VALUE}", "controller.Kp", "a number"),
-        ("controller:\n  lookahead:\n    rho: VALUE", "controller.lookahead.rho", "a"),
+        ("controller: {margin: VALUE}", "controller.margin", "a number"),
+        ("controller:\n  nominal:\n    rho: VALUE", "controller.nominal.rho", "a num"),
         ("disturbances: {delay_periods: VALUE}", "disturbances.delay_periods", "a w"),
         ("plant_config: {time_step: VALUE}", "plant_config.time_step", "a number"),
         ("simulator_config: {accuracy: VALUE}", "simulator_config.accuracy", "a numb"),
@@ -104,8 +105,8 @@ def test_a_number_is_wanted(key, path, expected, value, found):
 @pytest.mark.parametrize(
     "text, words",
     [
-        ("controller: {Kp: }", ["controller.Kp (line 3)", "nothing (null)"]),
-        ("controller:", ["controller (line 3): expected keys such as level", "null"]),
+        ("controller: {margin: }", ["controller.margin (line 3)", "nothing (null)"]),
+        ("controller:", ["controller (line 3): expected keys such as period", "null"]),
         ("controller: lookahead", ["controller (line 3)", "the text 'lookahead'"]),
         ("controller: [Kp, 3]", ["controller (line 3)", "found the list"]),
         ("robot: 3", ["robot (line 3): expected text, found the number 3"]),
@@ -131,9 +132,9 @@ def test_other_types_are_refused_with_their_key(text, words):
 @pytest.mark.parametrize(
     "text, path, hint",
     [
-        ("controller: {lookahead: {xyz: 1}}", "controller.lookahead.xyz", "rho"),
-        ("controller:\n  rhoo: 1", "controller.rhoo", "'rho'"),
-        ("controller: {lookahead: {level: 1}}", "controller.lookahead.level", ""),
+        ("controller: {balance: {xyz: 1}}", "controller.balance.xyz", "friction"),
+        ("controller:\n  margn: 1", "controller.margn", "'margin'"),
+        ("controller: {balance: {level: 1}}", "controller.balance.level", ""),
         ("Kp: 3", "Kp", ""),
         ("time_step: 3", "time_step", ""),
         ("simulator_config: {acuracy: 1}", "simulator_config.acuracy", "'accuracy'"),
@@ -147,7 +148,7 @@ def test_an_unknown_key_is_told_with_its_level_and_the_keys_there(text, path, hi
     assert f"(line {3 + text.count(chr(10))})" in message
     assert hint in message
     # Only keys of that level are proposed.
-    level = Scenario()
+    level = Scenario(controller=LookaheadParameters(balance=BalanceParameters()))
     for name in path.split(".")[:-1]:
         level = getattr(level, name) if "[" not in name else Scenario()
     if "[" not in path:
@@ -199,17 +200,17 @@ def test_what_is_no_yaml_or_no_mapping(text, words):
 def test_what_drake_reads_is_not_refused():
     """The comparison with the schema is as lenient as the loader itself."""
     text = VALID + (
-        "_template: &gains {Kp: 1e2, Gv: 20}\n"
+        "_template: &mine {margin: 1e-2, latency: 0}\n"
         "duration: null\ncutoff: 7\nlog_period: 1e-2\n"
-        "controller: {<<: *gains, Gv: '25', respect_effort_limits: 'true'}\n"
+        "controller: {<<: *mine, latency: '0.5', effort_limits: 'true'}\n"
         "disturbances: {noise_seed: 3.0}\n"
         "visualization: {default_proximity_color: {rgba: [1, 0, 0, 0.5]}}\n"
     )
     scenario = parse_scenario(text)
     by_drake = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
     assert scenario.to_yaml() == by_drake.to_yaml()
-    assert (scenario.controller.Kp, scenario.controller.Gv) == (100.0, 25.0)
-    assert scenario.controller.respect_effort_limits is True
+    assert (scenario.controller.margin, scenario.controller.latency) == (0.01, 0.5)
+    assert scenario.controller.effort_limits is True
     assert (scenario.duration, scenario.log_period) == (None, 0.01)
 
 

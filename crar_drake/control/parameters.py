@@ -228,6 +228,7 @@ class PaperParameters(PaperGains, Shared):
     constraints: str = "paper"
 
     plans: ClassVar[bool] = False
+    balance: ClassVar[None] = None
     # By which runs are judged, as those of the lookahead by default [m], [m/s].
     safety_distance: ClassVar[float] = 4e-3
     contact_speed: ClassVar[float] = 0.05

@@ -85,7 +85,7 @@ class ShapePairs(NamedTuple):
     vector_b: np.ndarray
     sizes: CapsuleSizes  # (K Ns,)
     shapes: np.ndarray  # (K Nf,) which of these are looked at
-    order: np.ndarray  # (K N,) where each is among these and then the others
+    order: np.ndarray  # (Nf,) the row of each among what SceneGraph is asked
     members: np.ndarray  # (K Nr, most) shape pairs of each row; the first fills up
     moves: np.ndarray  # (Nr, nv) see `collisions.distance_gradient_about_origin`
     hull_a: np.ndarray  # (K Ns,) which hull a is, whose axis is its middle; -1 if none
@@ -263,6 +263,10 @@ def capsule_distances(
     return nearest_points(np.concatenate((p_a0, p_b0, u, v)), pairs, every)
 
 
+# Drake's answers are at most so much too large where its search has ended [m].
+_REFUTED = 1e-4
+
+
 @compiled
 def nearest_of_pairs(
     points: np.ndarray, asked: np.ndarray, pairs: ShapePairs
@@ -271,8 +275,10 @@ def nearest_of_pairs(
 
     Args:
         points: (K, P, 3) in W, the axes' starts and vectors among them [m].
-        asked: (K (N - Nf), 7) of the shapes without a closed form: distance, normal
-            from b to a, point fixed to a on the line of the shortest distance.
+        asked: (N, 7) what SceneGraph answers of all shapes: distance, normal from b to
+            a, point fixed to a on the line of the shortest distance; (0, 7) where it is
+            not asked. An answer that the closed form refutes is not taken: Drake's
+            search ends too early now and then, and is then up to centimetres too large.
 
     Returns:
         (K Nr,) signed distances [m]; (K Nr, 3) unit normals from b to a; (K Nr, 3)
@@ -280,10 +286,13 @@ def nearest_of_pairs(
     """
     d, normal, p_WA, _ = nearest_points(points.reshape(-1, 3), pairs, pairs.shapes)
     if len(asked):
-        order = pairs.order
-        d = np.concatenate((d, asked[:, 0]))[order]
-        normal = np.concatenate((normal, asked[:, 1:4]))[order]
-        p_WA = np.concatenate((p_WA, asked[:, 4:]))[order]
+        exact = d, normal, p_WA
+        d, normal = asked[:, 0].copy(), asked[:, 1:4].copy()
+        p_WA = asked[:, 4:].copy()
+        for k in range(len(pairs.order)):
+            row = pairs.order[k]
+            if not d[row] <= exact[0][k] + _REFUTED:
+                d[row], normal[row], p_WA[row] = exact[0][k], exact[1][k], exact[2][k]
     if len(d) == len(pairs.members):
         return d, normal, p_WA
     keep = smallest(d, pairs.members)

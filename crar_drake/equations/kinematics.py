@@ -305,7 +305,7 @@ class Measured(NamedTuple):
 
     q: np.ndarray  # (K, nq) positions in the plant's order
     v: np.ndarray  # (nv,) velocities in the plant's order
-    asked: np.ndarray  # (K (N - Nf), 7) see `nearest_of_pairs`
+    asked: np.ndarray  # (N, 7) see `nearest_of_pairs`; (0, 7) without pairs
 
 
 class Robot(NamedTuple):
@@ -353,6 +353,17 @@ def find_state(measured: Measured, r: Robot) -> State:
         d.reshape(len(S), -1),
         distance_gradient_about_origin(normal, p_WA, S, pairs.moves),
     )
+
+
+@compiled
+def measured_distances(measured: Measured, robot: Held) -> np.ndarray:
+    """The signed distances of a state alone, (Nr,) [m]."""
+    r = robot.value
+    tree = r.tree.value
+    X = link_poses(measured.q, tree, tree.every)
+    points = place_points(X, r.selection, r.first)
+    d, _, _ = nearest_of_pairs(points, measured.asked, r.pairs.value)
+    return d
 
 
 @compiled

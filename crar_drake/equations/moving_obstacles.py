@@ -194,9 +194,11 @@ def last_times(
 
 @compiled
 def place_links(q: np.ndarray, r: Robot, links: Links) -> np.ndarray:
-    """(P, 3) of `Links.selection` in W."""
-    tree = r.tree.value
-    X = link_poses(q.reshape(1, -1), tree, tree.every)
+    """(P, 3) of `Links.selection` in W, of a robot at q (nv,), in its order."""
+    tree, in_plant = r.tree.value, np.empty((1, len(q)))
+    for i in range(len(q)):
+        in_plant[0, r.positions[i]] = q[i]
+    X = link_poses(in_plant, tree, tree.every)
     return place_points(X, links.selection, links.first)[0]
 
 

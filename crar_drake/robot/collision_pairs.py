@@ -186,6 +186,7 @@ class WatchedPairs:
             members.append(list(range(start, row)))
         self.closed_axes = np.array(axis_a, dtype=int), np.array(axis_b, dtype=int)
         self.closed_rows = np.array(closed, dtype=int)
+        self._blank = np.zeros((row, 7))
         # Rectangular: a pair with fewer shape pairs repeats its first one.
         most = max(map(len, members), default=1)
         self.shape_pairs = np.array(
@@ -274,7 +275,7 @@ class WatchedPairs:
             vector_b=twice(vector + b),
             sizes=type(sizes)(*(np.tile(x, 2) for x in sizes)),
             shapes=np.arange(2 * len(a)),
-            order=np.arange(2 * len(a)),
+            order=np.arange(0),
             members=np.arange(2 * len(a))[:, np.newaxis],
             moves=np.ascontiguousarray(moves[self.pair_of_shapes[self.closed_rows]]),
             hull_a=np.tile(of_axis[a], 2),
@@ -282,8 +283,8 @@ class WatchedPairs:
             hulls=hold(numbers_of_hulls(hulls, after)),
         )
         of_queries = of_paths._replace(
-            shapes=np.arange(0),
-            order=np.arange(len(self._shapes)),
+            shapes=np.arange(len(a)),
+            order=self.closed_rows,
             members=self.shape_pairs,
             moves=np.ascontiguousarray(moves),
         )
@@ -298,15 +299,13 @@ class WatchedPairs:
         return self._answers(query, range(len(self._shapes)))
 
     def ask_distances(self, query: QueryObject) -> np.ndarray:
-        """SceneGraph's signed distance of each watched pair, (Nc,) [m]."""
-        ask = query.ComputeSignedDistancePairClosestPoints
-        d = np.array(
-            [
-                ask(a, b).distance if i is None else _height(query, a, i, b)[0]
-                for a, b, i in self._shapes
-            ]
-        )
-        return d[self.shape_pairs].min(axis=1)
+        """`ask` for the distances alone, several times as fast; the rest is 0."""
+        ask, answers = query.ComputeSignedDistancePairClosestPoints, self._blank.copy()
+        answers[:, 0] = [
+            ask(a, b).distance if point is None else _height(query, a, point, b)[0]
+            for a, b, point in self._shapes
+        ]
+        return answers
 
     def ask_pairs(self, query: QueryObject, pairs: Iterable[int]) -> list[np.ndarray]:
         """SceneGraph's answers for some watched pairs only.

@@ -21,6 +21,7 @@ from crar_drake.equations.kinematics import (
     Measured,
     State,
     evaluate_state,
+    measured_distances,
 )
 from crar_drake.equations.nearby import some_shapes
 from crar_drake.equations.tasks import task_weights
@@ -251,10 +252,12 @@ class ControlModel:
         Args:
             q: (nq,) positions of the whole plant.
         """
-        workspace = self._own_workspace
+        workspace, q = self._own_workspace, np.array(q, dtype=float)
         self.plant.SetPositions(workspace.plant_context, q)
         port = self.scene_graph.get_query_output_port()
-        return self.pairs.ask_distances(port.Eval(workspace.scene_graph_context))
+        asked = self.pairs.ask_distances(port.Eval(workspace.scene_graph_context))
+        measured = Measured(q[np.newaxis], self._still, asked)
+        return measured_distances(measured, self.robot_by_pair)
 
     @cached_property
     def dynamics(self) -> Held:

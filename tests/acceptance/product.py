@@ -141,6 +141,7 @@ JOINT, LINK, POINT = "left_elbow", "left_hand", "left_wrist"
 HANDS, BY_A_POST, STANDING = "dance_wrists", "obstacle_arm", "g1_standing"
 MOTION, OTHER_MOTION = "dance", "boxing"
 TASKS = "wrists"
+MEASURED_WITHIN = 1.001e-4  # by so much measured distances may be too large [m]
 PAPER, FREE, PROVED = "paper", "none", "lookahead"  # constraints
 
 ROBOT_FILE, IMPORT_FILE, URDF_FILE = "robot.yaml", "import.yaml", "robot.urdf"
@@ -170,7 +171,7 @@ SCENARIO_KEYS = {
     "about": "description",
     "constraints": "controller.constraints",
     "period": "controller.period",
-    "braking_time": "controller.lookahead.horizon",
+    "braking_time": "controller.braking_time",
     "speed_share": "controller.velocity_scale",
 }
 
@@ -604,7 +605,7 @@ USERS_OWN = {
     "robot": lambda given: given.wired.robot,
     "arm": lambda given: given.wired.robot,  # its instance, by its own file
     "tasks": lambda given: tasks_of([("position", POINT)]),
-    "parameters": lambda given: crar_drake.CrarParameters(),
+    "parameters": lambda given: crar_drake.LookaheadParameters(),
     "controller": lambda given: add_controller(given.wired).controller,
     "model": lambda given: given.controller.model,
     "context": _context,
@@ -809,6 +810,7 @@ class Law:
         balance: bool = False,
         tracking_error: float = 0.0,
         blend: float | None = None,
+        spheres: bool = False,
     ) -> None:
         """
         Args:
@@ -821,27 +823,27 @@ class Law:
             balance: whether it keeps to what the ground can give.
             tracking_error: how far joints may be from their commands [rad or m].
             blend: onto targets, in seconds; by default the product's.
+            spheres: whether steps will be told of some that move.
         """
         told = _described(robot, stands)
-        by = "scene_graph" if paper else "closed_form"
         tasks = tasks_of([("position", point) for point in points])
         model = crar_drake.ControlModel.FromDescription(
-            told, tasks, time_step=plant_step, distances=by
+            told, tasks, time_step=plant_step
         )
-        given: dict[str, Any] = {"period": period, "distances": by}
-        if not motors:
-            given["respect_effort_limits"] = False
+        given: dict[str, Any] = {"period": period, "effort_limits": motors}
         if paper:
-            given |= {"constraints": PAPER, "level": paper}
-        elif tracking_error:
-            given["lookahead"] = crar_drake.LookaheadParameters(
-                tracking_error=tracking_error
-            )
+            given["level"] = paper
+        else:
+            given["tracking_error"] = tracking_error
         if balance:
             given["balance"] = crar_drake.BalanceParameters()
         if blend is not None:
             given["blend_time"] = blend
-        self._law = crar_drake.ControlLaw(model, crar_drake.CrarParameters(**given))
+        kind = crar_drake.PaperParameters if paper else crar_drake.LookaheadParameters
+        chosen = kind(**given)
+        if spheres:
+            chosen = chosen.among_obstacles()
+        self._law = crar_drake.ControlLaw(model, chosen)
         self._model = model
         self.period = period
         self.joints = list(model.position_names)
@@ -971,18 +973,16 @@ class JointFilter:
             tracking_error: how far joints may be from their commands [rad or m].
             evade: whether links get out of the way of spheres.
         """
-        chosen = dataclasses.replace(
-            crar_drake.filter_parameters(period),
-            **({"tracking_error": tracking_error} if tracking_error else {}),
-            **({"evade": True} if evade else {}),
+        chosen = crar_drake.SafetyParameters(
+            tracking_error=tracking_error, evade=evade, velocity_limits=speeds or {}
         )
         self._filter = made = crar_drake.SafetyFilter(
-            robot, period, chosen, effort_limits=motors, velocity_limits=speeds
+            robot, period, chosen, effort_limits=motors
         )
         self.joints = list(made.joint_names)
         self.rest = made.model.rest_positions()
         self.period = period
-        self.braking_time = made.parameters.braking_horizon
+        self.braking_time = made.parameters.T
 
     def restart(self, q: Any = None, v: Any = None) -> None:
         """Begins at a state, or at rest."""
@@ -1086,7 +1086,6 @@ TOLD = {
     "distances": "signed_distances",
     "status": "status",
     "admission": "admission",
-    "where it would rest": "resting_margins",
     "torque limit": "torque_limit",
     "weights": "constraint_weights",
 }
@@ -1094,7 +1093,6 @@ TOLD = {
 TOLD_ENTRIES = {
     "bound of distances": ("admission", 2),  # on the next braking path [m]
     "path is clear": ("admission", 3),
-    "distance where it would rest": ("where it would rest", 0),
     "torque beyond limits": ("torque limit", 1),
 }
 TRACKS, BLENDS, BRAKES = 0.0, 1.0, 2.0  # status
@@ -1174,7 +1172,7 @@ def add_controller(
         given["control_model"] = model
     wired.controller = crar_drake.AddCrarController(
         *(wired.builder, wired.plant, wired.scene_graph, robot, tasks),
-        crar_drake.CrarParameters(**parameters),
+        crar_drake.LookaheadParameters(**parameters),
         **given,
     )
     return wired

@@ -204,7 +204,6 @@ def test_ports_have_the_sizes_of_the_guide(robot, tasks, size):
         "distances": len(judge.pairs),
         "status": 1,
         "admission": 4,
-        "where it would rest": 2,
         "torque limit": 2,
         "weights": n - n_p,
     }
@@ -273,14 +272,14 @@ def test_what_it_tells_is_true():
     np.testing.assert_allclose(errors, x - robot.points(q), atol=ROUNDING)
     assert np.abs(errors[-1]).max() < 0.01 < np.ptp(robot.points(q), axis=0).max()
     distances = judge.distances(q)
-    np.testing.assert_allclose(seen.of("distances"), distances, atol=ROUNDING)
+    # SceneGraph searches, and stops a little early.
+    beyond = seen.of("distances") - distances
+    assert beyond.min() >= -ROUNDING and beyond.max() <= product.MEASURED_WITHIN
     # The step is proved for what comes next.
     bound = seen.of("bound of distances")[:-1]
     assert (bound <= distances[1:].min(axis=1) + ROUNDING).all()
     assert (bound >= product.SAFETY_DISTANCE - ROUNDING).all()
     assert (seen.of("path is clear") == 1.0).all()
-    where_it_rests = seen.of("distance where it would rest")
-    assert (where_it_rests >= product.SAFETY_DISTANCE - ROUNDING).all()
     blends = np.array(seen.time) < product.BLEND - 1e-9
     np.testing.assert_array_equal(
         seen.of("status")[:, 0], np.where(blends, product.BLENDS, product.TRACKS)

@@ -138,7 +138,10 @@ def test_its_log_is_of_the_robots_own_file(run: Run):
     order = [pairs.index(frozenset(name.split(" - "))) for name in log.pairs]
     assert len(order) == len(judge.pairs)
     np.testing.assert_allclose(
-        log.distances, judge.distances(q)[:, order], rtol=0.0, atol=1e-6
+        log.distances,
+        judge.distances(q)[:, order],
+        rtol=0.0,
+        atol=product.MEASURED_WITHIN,
     )
     links = product.point_links(run.robot)
     for point, desired in log.targets.items():

@@ -192,6 +192,7 @@ def test_the_law_of_tasks_touches_nothing_that_is_fast_either(robot, points):
         period=PERIOD,
         plant_step=PERIOD,
         motors=False,
+        spheres=True,
     )
     near = False
     for seed in range(3):

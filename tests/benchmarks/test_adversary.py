@@ -25,7 +25,7 @@ from benchmarks.adversary.starts import (
     random_poses,
 )
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.robot.description import find_body
 
 ROBOTS = ("upper_body", "obstacle_arm", "jaw")  # those that need no import
@@ -159,7 +159,7 @@ def test_attacks_start_clear_and_have_targets_of_the_right_size(robot, attack):
         model = subject.model(subject.task_set(seed))
         if attack == "moving" and not model.n_p:
             continue
-        parameters = CrarParameters(period=0.01)
+        parameters = LookaheadParameters(period=0.01)
         episode = make_episode(attack, model, subject.judge, parameters, 50, [seed])
         parameters = replace(parameters, period=episode.parameters.period)
         assert (attack == "slow") == (parameters.period > 0.01)
@@ -173,7 +173,7 @@ def test_attacks_start_clear_and_have_targets_of_the_right_size(robot, attack):
         quaternions = episode.tasks[~lost][:, model.layout.quaternion_entries.ravel()]
         lengths = np.linalg.norm(quaternions.reshape(-1, 4), axis=1)
         np.testing.assert_allclose(lengths, 1.0, atol=1e-9)
-        horizon = episode.parameters.braking_horizon
+        horizon = episode.parameters.T
         path = episode.q + np.linspace(0.0, horizon, 80)[:, None] * episode.v
         assert subject.judge.nearest(path)[0].min() >= 1.5e-3
         if attack != "beyond":
@@ -248,7 +248,7 @@ def test_a_law_that_stands_still_is_not_accused(monkeypatch):
     def braking(self, q, v, *targets):
         solution = step(self, q, v, *targets)
         period = self.parameters.period
-        v_next = v * (1.0 - period / self.parameters.braking_horizon)
+        v_next = v * (1.0 - period / self.parameters.T)
         return replace(
             solution, position_command=np.concatenate([q + period * v_next, v_next])
         )
@@ -268,7 +268,7 @@ def test_a_law_that_keeps_the_invariant_passes(attack, monkeypatch):
 
     def shielded(self, q, v, *targets):
         solution = step(self, q, v, *targets)
-        T, period = self.parameters.braking_horizon, self.parameters.period
+        T, period = self.parameters.T, self.parameters.period
         wish = np.nan_to_num(solution.acceleration)
         for share in (1.0, 0.7, 0.4, 0.2, 0.1, 0.05, 0.0):
             v_next = v + period * (share * wish - (1.0 - share) * v / T)

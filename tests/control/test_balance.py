@@ -8,11 +8,7 @@ from scipy.spatial import ConvexHull
 from standing_robots import APART, PAD, standing_robot, tipping_cell
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import (
-    BalanceParameters,
-    CrarParameters,
-    LookaheadParameters,
-)
+from crar_drake.control.parameters import BalanceParameters, LookaheadParameters
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.references.ground_demand import ground_wrench
 from crar_drake.robot.model import ControlModel
@@ -34,10 +30,9 @@ def model_of(description, time_step=0.0) -> ControlModel:
     )
 
 
-def parameters(**changes) -> CrarParameters:
-    ahead = LookaheadParameters(horizon=0.1)
-    given = {"period": PERIOD, "balance": BalanceParameters(), "lookahead": ahead}
-    return CrarParameters(**(given | changes))
+def parameters(**changes) -> LookaheadParameters:
+    given = {"period": PERIOD, "balance": BalanceParameters(), "braking_time": 0.1}
+    return LookaheadParameters(**(given | changes))
 
 
 def motion_of(law: ControlLaw, seed: int, steps: int):
@@ -58,7 +53,7 @@ def motion_of(law: ControlLaw, seed: int, steps: int):
             V.append(v + t * a)
             A.append(a)
         q, v = Q[-1], V[-1]
-        hows.append(solution.of_mode.get("balance", [np.nan])[0])
+        hows.append(solution.balance[0])
     return *map(np.array, (Q, V, A)), np.array(hows)
 
 
@@ -107,7 +102,7 @@ def test_a_law_that_is_balanced_anyway_is_left_as_it_is(whole):
     ]
     np.testing.assert_array_equal(both[0].acceleration, both[1].acceleration)
     np.testing.assert_array_equal(both[0].actuation, both[1].actuation)
-    assert both[1].of_mode["balance"][0] == 0.0
+    assert both[1].balance[0] == 0.0
 
 
 def test_what_cannot_be_balanced(whole):
@@ -127,18 +122,6 @@ def test_what_cannot_be_balanced(whole):
             {},
             ScenarioError,
             "not balanced in its rest posture",
-        ),
-        (
-            standing,
-            {"lookahead": LookaheadParameters(horizon=0.05, longest_horizon=0.1)},
-            ScenarioError,
-            "longest_horizon: with balance",
-        ),
-        (
-            standing,
-            {"constraints": "paper"},
-            ScenarioError,
-            "balance: constraints 'paper' look at no braking path",
         ),
         (
             standing,

@@ -10,7 +10,7 @@ from small_robots import add_plant, chain_urdf
 
 from crar_drake.control.commanded_motion import CommandedMotion
 from crar_drake.control.controller import CrarController
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -24,7 +24,7 @@ def loop():
     plant, scene_graph = add_plant(DiagramBuilder(), chain_urdf("zyz"), time_step=0.0)
     description = RobotDescription(pairs=[["l2", "post"]], rest_posture={"j1": 0.4})
     model = ControlModel.FromPlant(plant, scene_graph, description, [Task(frame="tip")])
-    parameters = CrarParameters(period=PERIOD)
+    parameters = LookaheadParameters(period=PERIOD)
     builder = DiagramBuilder()
     controller = CrarController(model, parameters, plant_is_discrete=False)
     builder.AddSystem(controller)
@@ -60,7 +60,7 @@ def test_the_command_is_the_exact_models_motion(loop) -> None:
 def test_between_ticks_it_is_the_closed_form(loop) -> None:
     """q + (t - e) q_dot + e s, e = t^2 / (2 T), s = q_dot + T q_dd, of (1), delta 0."""
     diagram, model, parameters, _ = loop
-    T = parameters.braking_horizon
+    T = parameters.T
     motion = diagram.GetSubsystemByName("commanded_motion")
     controller = diagram.GetSubsystemByName("crar_controller")
     simulator = Simulator(diagram)

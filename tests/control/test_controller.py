@@ -20,7 +20,7 @@ from small_robots import add_plant, chain_urdf, make_model
 
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters, PaperParameters
 from crar_drake.errors import InputError
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.task import Task
@@ -103,9 +103,7 @@ def make_loop(time_step: float, sampled: bool, ratio: int, level: str) -> Loop:
         scene_graph,
         DESCRIPTION,
         [Task(frame="tip")],
-        CrarParameters(
-            constraints="paper", level=level, period=ratio * STEP, blend_time=0.1
-        ),
+        PaperParameters(level=level, period=ratio * STEP, blend_time=0.1),
     )
     # The tip goes to the post and back, the rail to and fro.
     targets = trajectory(lambda t: [0.5, 0.35 + 0.25 * np.sin(12 * t), 0.1 * t])
@@ -239,9 +237,7 @@ def lone() -> CrarController:
         prescribed_joints={"rail": "hold"},
         pairs=[["l2", "post"]],
     )
-    return CrarController(
-        model, CrarParameters(constraints="paper", nominal_posture_gain=1.0)
-    )
+    return CrarController(model, PaperParameters())
 
 
 def fixed_context(controller: CrarController, **changes) -> Context:
@@ -251,7 +247,6 @@ def fixed_context(controller: CrarController, **changes) -> Context:
         "estimated_state": np.r_[START, np.zeros(4)],
         "desired_tasks": np.r_[pose, np.zeros(12)],
         "desired_prescribed": np.array([-0.1, 0.0, 0.0]),
-        "nominal_posture": np.zeros(3),
     } | changes
     for name, value in values.items():
         if value is not None:
@@ -267,8 +262,7 @@ def test_who_asks_for_a_former_port_reads_where_it_is(lone):
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["estimated_state", "desired_tasks", "desired_prescribed", "nominal_posture"],
+    "name", ["estimated_state", "desired_tasks", "desired_prescribed"]
 )
 def test_bad_inputs_are_named(lone, name):
     """A NaN with its port and the time; a port without a value."""
@@ -281,13 +275,16 @@ def test_bad_inputs_are_named(lone, name):
     with pytest.raises(InputError, match=f"{name}.*t = 1.25 s"):
         lone.get_output_port_actuation().Eval(bad)
     absent = fixed_context(lone, **{name: None})
-    if name == "nominal_posture":  # that of the robot
-        torque = lone.get_output_port_actuation().Eval(absent)
-        rest = lone.law.default_posture(START)
-        there = fixed_context(lone, nominal_posture=rest)
-        np.testing.assert_array_equal(
-            torque, lone.get_output_port_actuation().Eval(there)
-        )
-        return
     with pytest.raises(InputError, match=f"{name}.*not connected"):
         lone.get_output_port_actuation().Eval(absent)
+
+
+def test_without_a_nominal_posture_it_is_the_robots_own(lone):
+    controller = CrarController(lone.law.model, LookaheadParameters())
+
+    def torque(**given):
+        context = fixed_context(controller, **given)
+        return controller.get_output_port_actuation().Eval(context)
+
+    rest = controller.law.default_posture(START)
+    np.testing.assert_array_equal(torque(), torque(nominal_posture=rest))

@@ -13,14 +13,13 @@ from benchmarks.adversary.robots import load_subject
 from crar_drake import (
     ControlLaw,
     ControlModel,
-    CrarParameters,
     LookaheadParameters,
     Obstacles,
     SafetyFilter,
+    SafetyParameters,
     Task,
     load_robot_description,
 )
-from crar_drake.control.safety_filter import filter_parameters
 from crar_drake.equations.moving_obstacles import evading_rows
 from crar_drake.judging.obstacle_judge import ObstacleJudge
 from tests.people import Tally, hostile, run_at, witness_of
@@ -29,9 +28,9 @@ PERIOD, V_OK = 0.02, 0.05
 SIZE = np.array([0.05])
 
 
-def made(evade: bool, **others) -> SafetyFilter:
-    ahead = replace(filter_parameters(PERIOD), evade=evade, horizon=0.06)
-    return SafetyFilter("obstacle_arm", PERIOD, ahead, **others)
+def made(evade: bool, effort_limits: bool = False, **others) -> SafetyFilter:
+    parameters = SafetyParameters(evade=evade, braking_time=0.06, **others)
+    return SafetyFilter("obstacle_arm", PERIOD, parameters, effort_limits=effort_limits)
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +174,8 @@ def test_a_command_that_gets_out_of_the_way_itself_is_taken_as_it_is(evading, ha
 def test_the_rows_are_the_rates_of_distances(evading, witness):
     """g and what the obstacle adds, against differences of Drake's distances."""
     rng = np.random.default_rng(6)
-    among, robot = evading.among, evading._robot.value
+    among = evading.among
+    robot = among._robot.value
     evasion, n = among._world.value.evasion, len(evading.joint_names)
     step, seen = 1e-6, 0
     for _ in range(30):
@@ -311,8 +311,7 @@ def test_whoever_runs_at_what_evades_touches_nothing_that_is_fast(robot, period)
     """Policies that jump, swing and are lost; measurements that come always or late."""
     subject = load_subject(robot)
     model, judge = subject.model(subject.task_set(0)), subject.filter(period)[1]
-    ahead = replace(filter_parameters(period), evade=True)
-    filter, tally = SafetyFilter(model, period, ahead), Tally()
+    filter, tally = SafetyFilter(model, period, SafetyParameters(evade=True)), Tally()
     for seed, policy in enumerate(("jumps", "sines", "lost")):
         wanted = hostile(policy, filter, judge)
         run_at(filter, wanted, round(2.0 / period), seed, tally)
@@ -329,13 +328,10 @@ def test_the_law_of_tasks_evades_as_well():
     desired, prescribed = model.tasks_at(rest), model.prescribed_at(rest)
     nearest = {}
     for evade in (False, True):
-        law = ControlLaw(
-            model,
-            CrarParameters(
-                period=0.01, lookahead=LookaheadParameters(evade=evade)
-            ).among_obstacles(),
-        )
-        witness, q, v = witness_of(law.among.filter), rest, np.zeros(14)
+        gains = LookaheadParameters(period=0.01, evade=evade).among_obstacles()
+        law = ControlLaw(model, gains)
+        witness = ObstacleJudge(model.plant, model.scene_graph, law.among.links)
+        q, v = rest, np.zeros(14)
         nearest[evade], evaded = np.inf, 0
         for k in range(150):
             centre = desired[:3] + [max(0.5 - 0.003 * k, 0.08), 0.0, 0.0]

@@ -12,9 +12,11 @@ from pydrake.systems.primitives import (
 from scipy.optimize import linprog
 from small_robots import add_plant, chain_urdf, make_model
 
-from crar_drake.control import effort_limits, parameters
+from crar_drake.control import parameters
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
+from crar_drake.control.plausible import fastest_asked
+from crar_drake.equations.admission import velocity_bounds
 from crar_drake.errors import InputError
 from crar_drake.law.step import SCALED
 from crar_drake.robot.description import RobotDescription
@@ -50,7 +52,7 @@ class Loop:
             scene_graph,
             RobotDescription(pairs=[["l3", "post"]]),
             [Task(frame="tip")],
-            CrarParameters(**({"period": PERIOD, "blend_time": 0.02} | changes)),
+            LookaheadParameters(**({"period": PERIOD, "blend_time": 0.02} | changes)),
         )
         target = builder.AddSystem(ConstantVectorSource(TARGET))
         builder.Connect(
@@ -203,7 +205,7 @@ def test_periods_whose_multiples_round_differently(step, ratio, apart, monkeypat
     """Each torque once, of the state that the plant's step starts from."""
     builder = DiagramBuilder()
     plant, scene_graph = add_plant(builder, chain_urdf("zz"), time_step=step)
-    gains = CrarParameters(period=ratio * step)
+    gains = LookaheadParameters(period=ratio * step)
     controller = AddCrarController(
         builder, plant, scene_graph, RobotDescription(), [Task(frame="tip")], gains
     )
@@ -279,44 +281,10 @@ def test_targets_are_looked_at_in_control_ticks_only_and_the_state_in_all():
         simulator.AdvanceTo(0.06)
 
 
-def test_between_control_ticks_the_torque_is_clipped_and_the_excess_told(monkeypatch):
-    """What the limits allow of the wish is decided at the control tick."""
-    # Nothing is left free for what the torque grows by.
-    monkeypatch.setattr(effort_limits, "_TRIES", 0)
-    effort = 60.0
-    loop = Loop(effort=effort, respect_effort_limits=True, period=10 * STEP)
-    # So fast that centrifugal forces change much within a control period.
-    simulator = loop.start(speeds=np.array([1.5, -2.0, 2.0, 1.0]))
-    simulator.AdvanceTo(0.4)
-    data = loop.logged(simulator)
-    torque, (theta, excess) = data["actuation"], data["torque_limit"].T
-    assert np.abs(torque).max() == effort
-    between = np.arange(len(theta)) % 10 != 0
-    for start in range(0, 400, 10):
-        assert len(set(theta[start : start + 10])) == 1
-    model, workspace = loop.controller.model, loop.controller.model.MakeWorkspace()
-    for x, a, told in zip(
-        data["state"][between],
-        data["desired_acceleration"][between],
-        excess[between],
-        strict=True,
-    ):
-        model.evaluate(workspace, *np.split(x, 2))
-        wished = model.inverse_dynamics(workspace, a)
-        beyond = max(0.0, np.abs(wished).max() / effort - 1.0)
-        assert told == pytest.approx(beyond, abs=1e-9)
-    assert (excess[between] > 0.01).any() and (excess[between] == 0.0).any()
-
-
 def test_a_torque_that_will_pass_its_limit_is_lowered_from_what_it_is():
     """The limit does not bind at the control tick, but would be passed after it."""
     period = 10 * STEP
-    law = Loop(
-        effort=60.0,
-        respect_effort_limits=True,
-        period=period,
-        constraints="lookahead",
-    ).controller.law
+    law = Loop(effort=60.0, period=period).controller.law
     plant, workspace = law.model.plant, law.model.MakeWorkspace()
     rng, grows = np.random.default_rng(0), 0
     for _ in range(200):
@@ -342,30 +310,29 @@ def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits(tar
     the wish is to brake, since the targets are lost. What there is within is found by a
     linear program, of Drake's own inverse dynamics."""
     effort = 8.0
-    law = Loop(
-        effort=effort,
-        respect_effort_limits=True,
-        period=STEP,
-        constraints="lookahead",
-    ).controller.law
+    law = Loop(effort=effort, period=STEP).controller.law
     model, workspace = law.model, law.model.MakeWorkspace()
     rng, n, far = np.random.default_rng(0), len(START), 0
+    fastest = np.minimum(law.speed_limits, fastest_asked(model))
     for _ in range(600):
         q = START + 0.5 * rng.standard_normal(n)
         v = rng.uniform(-1.0, 1.0, n) * rng.choice([0.5, 2.0, 6.0])
         law.reset()
         solution = law.step(q, v, target)
-        measured = model.measure(workspace, q, v)
+        model.measure(workspace, q, v)
         still = model.inverse_dynamics(workspace, np.zeros(n))
         inertia = model.effort_per_acceleration(workspace)
-        lowest, highest = law.mode.acceleration_bounds(measured)
+        T = solution.T[0]
+        limits = model.lower, model.upper, fastest
+        bounds = velocity_bounds(q, v, *limits, T, STEP, STEP)
+        lowest, highest = ((s - v) / T for s in bounds)
         within = linprog(
             np.zeros(n),
             np.vstack((inertia, -inertia)),
             np.concatenate((0.999 * effort - still, 0.999 * effort + still)),
             bounds=np.column_stack((lowest, highest)),
         )
-        braking = still - inertia @ v / law.parameters.braking_horizon
+        braking = still - inertia @ v / T
         # What is scaled to keep clear has braking's torque, whatever it is.
         scaled = solution.admission[0] == SCALED
         if within.status == 0 and not scaled:
@@ -397,12 +364,16 @@ def test_torque_within_effort_limits():
     urdf = chain_urdf("zyzy").replace("<limit ", '<limit effort="100" ')
     model = make_model(urdf)
     q, v = START, np.full(4, 20.0)
-    torques = []
+    torques, excesses = [], []
     for respect in (True, False):
-        law = ControlLaw(model, CrarParameters(respect_effort_limits=respect))
-        law.step(START, np.zeros(4), TARGET)
+        law = ControlLaw(model, LookaheadParameters(effort_limits=respect))
+        share = law.step(START, np.zeros(4), TARGET).torque_limit[0]
         torques.append(law.torque(q, v))
+        told = law._memory.solution.torque_limit
+        assert told[0] == share  # it is decided in the control step
+        excesses.append(told[1])
     limited, free = torques
+    assert excesses == pytest.approx([np.abs(free).max() / 100.0 - 1.0, 0.0])
     assert np.abs(free).max() > 150.0
     np.testing.assert_array_equal(limited, np.clip(free, -100.0, 100.0))
 
@@ -428,7 +399,7 @@ def test_torque_within_effort_limits():
     ],
 )
 def test_a_torque_each_millisecond_or_step(period, plant_step, expected):
-    gains = CrarParameters(period=period)
+    gains = LookaheadParameters(period=period)
     gains.validate()
     assert gains.torque_period_for(plant_step) == pytest.approx(expected, rel=1e-9)
     ticks = gains.torque_ticks(plant_step)

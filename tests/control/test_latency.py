@@ -7,7 +7,7 @@ import pytest
 
 from crar_drake import ControlModel, load_robot_description, position_tasks
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.control.records import STATUS_BRAKING
 from crar_drake.errors import ScenarioError
 from crar_drake.run import run_scenario
@@ -25,10 +25,8 @@ def model() -> ControlModel:
     )
 
 
-def parameters(ahead: LookaheadParameters, latency: float = 0.0) -> CrarParameters:
-    return CrarParameters(
-        period=PERIOD, blend_time=0.0, lookahead=ahead, latency=latency
-    )
+def parameters(latency: float = 0.0) -> LookaheadParameters:
+    return LookaheadParameters(period=PERIOD, blend_time=0.0, latency=latency)
 
 
 def start(model: ControlModel) -> np.ndarray:
@@ -50,12 +48,11 @@ def targets(model: ControlModel, count: int) -> np.ndarray:
 @pytest.mark.parametrize("latency", [0.003, 0.015, 0.022])
 def test_a_late_state_changes_nothing_where_the_robot_does_as_told(model, latency):
     """The plant is stepped here: v += h a, q += h v, a millisecond each."""
-    ahead = LookaheadParameters(preset="balanced")
     wanted = targets(model, 60)
     nq, still = model.plant.num_positions(), model.prescribed_at(start(model))
 
     def moved(late: int, latency: float) -> np.ndarray:
-        law = ControlLaw(model, parameters(ahead, latency))
+        law = ControlLaw(model, parameters(latency))
         x = np.concatenate((start(model), np.zeros(model.plant.num_velocities())))
         past = [x]
         for target in wanted:
@@ -76,7 +73,7 @@ def test_a_late_state_changes_nothing_where_the_robot_does_as_told(model, latenc
 
 
 def test_torque_between_steps_is_of_the_state_that_is_predicted(model):
-    late = ControlLaw(model, parameters(LookaheadParameters(), 0.007))
+    late = ControlLaw(model, parameters(0.007))
     rng = np.random.default_rng(3)
     q, v = (
         model.rest_positions(),
@@ -106,9 +103,7 @@ def test_a_plan_that_is_told_bears_a_state_15_ms_late():
         motion="dance",
         experiment="wrists",
         duration=1.0,
-        controller=CrarParameters(
-            period=PERIOD, lookahead=LookaheadParameters(preset="balanced")
-        ),
+        controller=LookaheadParameters(period=PERIOD),
     )
     late = replace(scenario, disturbances=Disturbances(delay_periods=3))
     told = replace(late, controller=replace(late.controller, latency=3 * PERIOD))
@@ -117,7 +112,7 @@ def test_a_plan_that_is_told_bears_a_state_15_ms_late():
 
 
 def test_it_goes_on_while_targets_are_lost(model):
-    law = ControlLaw(model, parameters(LookaheadParameters(), 0.01))
+    law = ControlLaw(model, parameters(0.01))
     q = start(model)
     v = np.zeros(model.plant.num_velocities())
     still = model.prescribed_at(q)
@@ -131,4 +126,4 @@ def test_it_goes_on_while_targets_are_lost(model):
 @pytest.mark.parametrize("latency", [-1e-3, np.nan, np.inf])
 def test_a_latency_is_a_time(latency):
     with pytest.raises(ScenarioError, match="latency"):
-        CrarParameters(latency=latency).validate()
+        LookaheadParameters(latency=latency).validate()

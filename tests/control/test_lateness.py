@@ -7,9 +7,10 @@ from crar_drake import ControlModel, load_robot_description, position_tasks
 from crar_drake.control import lateness
 from crar_drake.control.lateness import LATEST, watch_lateness
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.control.parameters import LookaheadParameters
 
 PERIOD = 5e-3
+PARAMETERS = LookaheadParameters(period=PERIOD, blend_time=0.0)
 JOINTS = 6
 
 
@@ -64,15 +65,10 @@ def model() -> ControlModel:
     )
 
 
-def swung(model: ControlModel, late: int, preset: str | None = "balanced"):
+def swung(model: ControlModel, late: int):
     """Errors (K,) [m] of wrists that swing, and accelerations (K, nv), of a robot that
     does as commanded, with a state that is late by so many periods."""
-    law = ControlLaw(
-        model,
-        CrarParameters(
-            period=PERIOD, blend_time=0.0, lookahead=LookaheadParameters(preset=preset)
-        ),
-    )
+    law = ControlLaw(model, PARAMETERS)
     q, nq = model.rest_positions(), model.plant.num_positions()
     home, still = model.tasks_at(q), model.prescribed_at(q)
     points = model.layout.unpack(home).p
@@ -129,14 +125,7 @@ def test_a_robot_that_is_stuck_is_not_late(power):
 @pytest.mark.parametrize("glitch", [1e3, 1e160])
 def test_after_a_glitch_of_the_sensor_a_lag_is_still_seen(model, glitch):
     """Else what was missing in that step would outweigh all else, 1e160 for ever."""
-    law = ControlLaw(
-        model,
-        CrarParameters(
-            period=PERIOD,
-            blend_time=0.0,
-            lookahead=LookaheadParameters(preset="balanced"),
-        ),
-    )
+    law = ControlLaw(model, PARAMETERS)
     q, still = model.rest_positions(), model.prescribed_at(model.rest_positions())
     target = model.tasks_at(q)
     for k in range(12):

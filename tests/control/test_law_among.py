@@ -18,20 +18,20 @@ from crar_drake import (
     AddRobot,
     ControlLaw,
     ControlModel,
-    CrarParameters,
     InputError,
     LookaheadParameters,
     Obstacles,
+    PaperParameters,
     ScenarioError,
     Task,
     load_robot_description,
 )
 from crar_drake.judging.obstacle_judge import ObstacleJudge
 from crar_drake.law.step import AS_NOMINAL
-from tests.people import Tally, witness_of
+from tests.people import Tally
 
 PERIOD = 0.01
-PARAMETERS = CrarParameters(period=PERIOD).among_obstacles()
+PARAMETERS = LookaheadParameters(period=PERIOD).among_obstacles()
 TASKS = [Task("left_wrist", "position"), Task("right_wrist", "position")]
 
 
@@ -51,7 +51,7 @@ def law(model) -> ControlLaw:
 
 @pytest.fixture(scope="module")
 def witness(law) -> ObstacleJudge:
-    return witness_of(law.among.filter)
+    return ObstacleJudge(law.model.plant, law.model.scene_graph, law.among.links)
 
 
 def waving(model: ControlModel, t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -119,8 +119,7 @@ def test_whoever_runs_at_it_touches_nothing_that_is_fast(law, witness):
     assert found[-1].obstacle is None
     # And without anybody's notice, the same person is run into.
     blind = Tally()
-    drive(ControlLaw(law.model, PARAMETERS), lambda t: None, 1)
-    blind_law = ControlLaw(law.model, replace(PARAMETERS, constraints="paper"))
+    blind_law = ControlLaw(law.model, PaperParameters(period=PERIOD))
     drive(blind_law, runner, 260, witness, blind)
     assert blind.violations > 0
 
@@ -164,7 +163,8 @@ def test_a_simulated_robot_does_as_it_was_told(model):
     root = simulator.get_mutable_context()
     context = controller.GetMyMutableContextFromRoot(root)
     own = plant.GetMyMutableContextFromRoot(root)
-    judge, tally = witness_of(controller.law.among.filter), Tally()
+    judge = ObstacleJudge(plant, scene_graph, controller.law.among.links)
+    tally = Tally()
     ports = (
         controller.get_input_port_desired_tasks(),
         controller.get_input_port_desired_prescribed(),
@@ -199,16 +199,11 @@ def test_what_does_not_go_with_obstacles_is_refused(model):
         ControlLaw(model, gains).step(q, v, tasks, prescribed, obstacles=once)
 
     with pytest.raises(ScenarioError, match="time step, 0.01 s"):
-        step(CrarParameters(period=0.005))
-    with pytest.raises(ScenarioError, match="controller.lookahead.longest_horizon"):
-        step(
-            replace(
-                PARAMETERS,
-                lookahead=LookaheadParameters(horizon=0.05, longest_horizon=0.1),
-            )
-        )
-    with pytest.raises(ScenarioError, match="controller.lookahead.horizon"):
-        step(replace(PARAMETERS, lookahead=LookaheadParameters(horizon=PERIOD)))
+        step(LookaheadParameters(period=0.005, braking_time=0.05))
+    with pytest.raises(ScenarioError, match="controller.braking_time: with moving"):
+        step(LookaheadParameters(period=PERIOD))
+    with pytest.raises(ScenarioError, match="controller.braking_time"):
+        step(replace(PARAMETERS, braking_time=PERIOD))
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=PERIOD)
     description = AddRobot(plant, "upper_body")
@@ -221,22 +216,8 @@ def test_what_does_not_go_with_obstacles_is_refused(model):
 
 
 def test_the_papers_constraints_take_no_notice(model):
-    gains = replace(PARAMETERS, constraints="paper")
+    gains = PaperParameters(period=PERIOD)
     without = drive(ControlLaw(model, gains), lambda t: None, 30)
     among = drive(ControlLaw(model, gains), runner, 30)
     for one, other in zip(without, among, strict=True):
         np.testing.assert_array_equal(one.acceleration, other.acceleration)
-
-
-def test_a_preset_goes_with_obstacles_as_its_numbers_do(model):
-    """What the filter has no use for, a plan, is not the filter's."""
-    ahead = LookaheadParameters(horizon=0.05, longest_horizon=0.05)
-    named = replace(ahead, preset="calm")
-    numbers = {"preview": 0.1, "smoothness": named.planned_smoothness}
-    found = [
-        drive(ControlLaw(model, replace(PARAMETERS, lookahead=chosen)), runner, 60)
-        for chosen in (named, replace(ahead, **numbers))
-    ]
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_array_equal(one.acceleration, other.acceleration)
-    assert any(solution.obstacle is not None for solution in found[0])

@@ -13,18 +13,16 @@ from crar_drake import (
     position_tasks,
 )
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.lookahead_parameters import (
-    LEAST_SMOOTHNESS,
+from crar_drake.control.parameters import (
+    BalanceParameters,
     LookaheadParameters,
+    PaperGains,
 )
-from crar_drake.control.parameters import BalanceParameters, CrarParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.task import Task, pose_tasks
 
 PERIOD = 5e-3
-AHEAD = LookaheadParameters(preview=0.1)
-PREVIEW = CrarParameters(period=PERIOD, blend_time=0.0, lookahead=AHEAD)
-WITHOUT = replace(PREVIEW, lookahead=LookaheadParameters(preview=0.0))
+PREVIEW = LookaheadParameters(period=PERIOD, blend_time=0.0)
 MARGIN = 5e-3  # [m]
 HANDS = ["left_wrist", "right_wrist"]
 
@@ -67,11 +65,6 @@ def swung(model: ControlModel, seconds: float) -> np.ndarray:
             )
         ]
     )
-
-
-def distances(model: ControlModel, states: np.ndarray) -> np.ndarray:
-    workspace, nq = model.MakeWorkspace(), model.plant.num_positions()
-    return np.array([model.evaluate_distances(workspace, x[:nq]).d for x in states])
 
 
 def test_a_target_out_of_reach_is_waited_for_at_rest(model):
@@ -123,31 +116,28 @@ def test_a_plan_that_went_astray_is_left(model):
 
 
 @pytest.mark.parametrize(
-    ("ahead", "said"),
+    ("changes", "said"),
     [
         ({"preview": -0.1}, "preview"),
-        ({"preview": 0.1, "smoothness": 0.0}, "smoothness"),
-        ({"preview": 0.1, "smoothness": 1e-8}, "smoothness: 1e-08.* at least 1e-06"),
-        ({"smoothness": 0.99e-6}, "smoothness"),
-        ({"preset": "close"}, "preset: 'close' is unknown; did you mean 'closest'"),
-        ({"preview": 0.1, "farthest_pull": 0.0}, "farthest_pull"),
-        ({"preview": 0.1, "limit_approach_rate": 300.0}, "limit_approach_rate.*200/s"),
-        (
-            {"preview": 0.0, "limit_approach_rate": 10.0},
-            "limit_approach_rate.*without approach_rate",
-        ),
+        ({"smoothness": 0.0}, "smoothness: 0.0 must be"),
+        ({"smoothness": 1e-8}, "smoothness: 1e-08 must be.* at least 1e-06"),
+        ({"smoothness": "close"}, "smoothness: close must be closest, balanced, calm"),
+        ({"nominal": PaperGains(), "preview": 0.1}, "controller.preview: .* nominal"),
+        ({"nominal": PaperGains(), "smoothness": "calm"}, "controller.smoothness"),
+        ({"nominal": PaperGains(Kp=-1.0)}, "controller.nominal.Kp"),
+        ({"period": 0.1, "braking_time": 0.05}, "controller.period: 0.1 s .* 0.05 s"),
+        ({"margin": 1e-3}, "controller.margin: 0.001 m"),
+        ({"margin": 0.3}, "controller.margin: 0.3 m"),
     ],
 )
-def test_what_makes_no_sense_is_refused(ahead, said):
-    parameters = replace(WITHOUT, lookahead=LookaheadParameters(**ahead))
+def test_what_makes_no_sense_is_refused(changes, said):
     with pytest.raises(ScenarioError, match=said):
-        (parameters).validate()
+        replace(PREVIEW, **changes).validate()
 
 
 def test_with_the_least_smoothness_there_is_a_plan(model):
     """Of wrists whose targets jump by 30 cm; with less the law finds none."""
-    ahead = LookaheadParameters(smoothness=LEAST_SMOOTHNESS)
-    law = ControlLaw(model, replace(PREVIEW, lookahead=ahead))
+    law = ControlLaw(model, replace(PREVIEW, smoothness=1e-6))
     q = model.rest_positions()
     v, targets = np.zeros(model.plant.num_velocities()), model.tasks_at(q)
     for k in range(60):
@@ -158,100 +148,51 @@ def test_with_the_least_smoothness_there_is_a_plan(model):
     assert np.abs(v).max() > 0.0 and solution.admission[3] == 1.0
 
 
-def test_a_preview_brings_its_own_defaults():
-    """A short horizon and slower plans; what is given stays."""
-    assert PREVIEW.braking_horizon == 0.012
-    assert replace(PREVIEW, period=0.02).braking_horizon == pytest.approx(0.032)
-    assert (PREVIEW.posture_gain, PREVIEW.null_space_gain) == (40.0, 20.0)
-    assert PREVIEW.null_space_gains(crowded=True) == (3.0, 1.0)
-    assert replace(PREVIEW, GvN=7.0).null_space_gains(crowded=True) == (7.0, 1.0)
-    assert AHEAD.filled(5e-3, plans=True).nominal_speed_limit == 9.0
-    assert WITHOUT.braking_horizon == pytest.approx(2.5 / 30.0)
-    assert (WITHOUT.posture_gain, WITHOUT.null_space_gain) == (30.0, 30.0)
-    assert WITHOUT.null_space_gains(crowded=True) == (30.0, 30.0)
-    assert AHEAD.filled(5e-3, plans=False).nominal_speed_limit == 16.0
-    given = replace(AHEAD, horizon=0.05, nominal_speed_limit=7.0)
-    given = replace(PREVIEW, lookahead=given, nominal_posture_gain=11.0)
-    assert given.braking_horizon == 0.05
-    assert given.posture_gain == 11.0
-    for plans in (True, False):
-        assert given.lookahead.filled(5e-3, plans).nominal_speed_limit == 7.0
-    # It belongs to the lookahead: nothing of it concerns the paper's constraints.
-    paper = replace(PREVIEW, constraints="paper")
-    assert paper.posture_gain == 0.0
-    assert paper.null_space_gains(crowded=True) == (30.0, 0.0)
-    assert paper.braking_horizon == pytest.approx(2.5 / 30.0)
+def test_what_is_not_given_follows_from_the_period_and_the_nominal():
+    """A short braking time and slower plans; what is given stays."""
+    paper = replace(PREVIEW, nominal=PaperGains())
+    assert PREVIEW.T == 0.012
+    assert replace(PREVIEW, period=0.02).T == pytest.approx(0.032)
+    assert PREVIEW.longest_T == paper.T == pytest.approx(2.5 / 30.0)
+    assert PREVIEW.among_obstacles().T == paper.T
+    assert replace(PREVIEW, balance=BalanceParameters()).T == paper.T
+    assert replace(PREVIEW, braking_time=0.05).T == 0.05
+    found, crowded = PREVIEW.resolved(), PREVIEW.resolved(crowded=True)
+    assert (found.stiffness, found.damping) == (40.0, 20.0)
+    assert (crowded.stiffness, crowded.damping) == (1.0, 3.0)
+    assert (paper.resolved().stiffness, paper.resolved().damping) == (30.0, 30.0)
+    assert replace(PREVIEW, posture_gain=11.0).resolved(True).stiffness == 11.0
+    assert found.others[-1] == pytest.approx(PREVIEW.longest_T)
+    assert paper.resolved().others == replace(PREVIEW, braking_time=0.05).resolved()[1]
 
 
-def test_a_preset_is_a_preview_and_its_smoothness(model):
-    """To the last bit; what is given besides counts."""
+def test_how_smoothly_is_planned_has_names(model):
+    """To the last bit those of their numbers."""
     numbers = {"closest": 5.7e-5, "balanced": 8e-5, "calm": 2.3e-4}
     targets = swung(model, 0.3)
     reached = []
-    for preset, smoothness in numbers.items():
-        named = LookaheadParameters(preset=preset)
-        written = LookaheadParameters(preview=0.1, smoothness=smoothness)
-        states, _ = follow(model, replace(PREVIEW, lookahead=named), targets)
-        same, _ = follow(model, replace(PREVIEW, lookahead=written), targets)
+    for name, number in numbers.items():
+        states, same = (
+            follow(model, replace(PREVIEW, smoothness=value), targets)[0]
+            for value in (name, number)
+        )
         np.testing.assert_array_equal(states, same)
         reached.append(states)
     assert np.abs(reached[0] - reached[1]).max() > 1e-5
     assert np.abs(reached[1] - reached[2]).max() > 1e-5
     np.testing.assert_array_equal(reached[1], follow(model, PREVIEW, targets)[0])
-    default = replace(PREVIEW, lookahead=LookaheadParameters())
-    np.testing.assert_array_equal(reached[1], follow(model, default, targets)[0])
-    other = LookaheadParameters(preset="calm", preview=0.2, smoothness=1e-4)
-    assert other.planned_smoothness == 1e-4
-    assert other.filled(PERIOD, plans=True).preview == 0.2
-
-
-@pytest.mark.parametrize(
-    ("changes", "ahead", "planned"),
-    [
-        ({}, {}, 0.1),
-        ({"period": 0.01}, {}, 0.1),
-        ({"period": 0.02}, {}, 0.0),
-        ({"period": 0.02}, {"preset": "calm"}, 0.1),
-        ({"period": 0.02}, {"preview": 0.2}, 0.2),
-        ({"balance": BalanceParameters()}, {}, 0.0),
-        ({}, {"preset": "calm", "preview": 0.0}, 0.0),
-    ],
-)
-def test_the_law_plans_by_default_where_it_can(changes, ahead, planned):
-    gains = CrarParameters(**changes, lookahead=LookaheadParameters(**ahead))
-    assert gains.plans == (planned > 0.0)
-    assert gains.lookahead.filled(gains.period, gains.plans).preview == planned
-    assert not replace(gains, constraints="paper").plans
-
-
-@pytest.mark.parametrize(
-    ("ahead", "horizons"),
-    [
-        ({}, (2.5 / 30.0, 2.5 / 30.0)),
-        ({"preview": 0.0}, (2.5 / 30.0, 2.5 / 30.0)),
-        ({"horizon": 0.05}, (0.05, 0.05)),
-        ({"preview": 0.0, "longest_horizon": 0.2}, (2.5 / 30.0, 0.2)),
-        ({"longest_horizon": 0.05}, (0.012, 0.05)),  # what is asked for is refused
-    ],
-)
-def test_among_obstacles_one_horizon_counts(ahead, horizons):
-    gains = CrarParameters(lookahead=LookaheadParameters(**ahead)).among_obstacles()
-    for Gv in (gains.Gv, 7.0):  # they stay
-        gains = replace(gains, Gv=Gv)
-        found = gains.braking_horizon, gains.longest_braking_horizon
-        assert found == pytest.approx(horizons)
 
 
 def test_a_violation_is_left_at_the_retreat_speed(model):
     """Links in one another that are to stay: not at once, with all that motors have."""
-    rng, workspace = np.random.default_rng(5), model.MakeWorkspace()
+    rng = np.random.default_rng(5)
     still, started = np.zeros(model.plant.num_velocities()), 0
     while started < 5:
         q, v = model.rest_positions(), still
         q[model.controlled_positions] = rng.uniform(
             np.maximum(model.lower, -1.5), np.minimum(model.upper, 1.5)
         )
-        smallest = [model.evaluate_distances(workspace, q).d.min()]
+        smallest = [model.evaluate_distances(q).d.min()]
         if not -0.02 < smallest[0] < -0.01:
             continue
         started += 1
@@ -262,20 +203,9 @@ def test_a_violation_is_left_at_the_retreat_speed(model):
                 q, v, tasks, model.prescribed_at(model.rest_positions())
             )
             q, v = np.split(solution.position_command, [len(q)])
-            smallest.append(model.evaluate_distances(workspace, q).d.min())
+            smallest.append(model.evaluate_distances(q).d.min())
         assert smallest[1] - smallest[0] < 0.3 * (MARGIN - smallest[0])
         assert smallest[-1] > 4e-3
-
-
-def test_what_is_free_has_a_damping_of_its_own(model):
-    """The controller's lambda is stage 1's, of which a preview has none."""
-    targets = swung(model, 0.5)
-    states, _ = follow(model, PREVIEW, targets)
-    other, _ = follow(model, replace(PREVIEW, damping=0.3), targets)
-    np.testing.assert_array_equal(states, other)
-    free = replace(PREVIEW, lookahead=replace(AHEAD, null_space_damping=0.1))
-    other, _ = follow(model, free, targets)
-    assert np.abs(states - other).max() > 1e-4
 
 
 def test_an_arm_stays_where_it_is_until_a_joint_nears_its_limit(model):
@@ -319,7 +249,7 @@ def test_crowded_tasks_are_not_pulled_aside_by_the_posture():
     errors = {}
     for name, changes in {
         "default": {},
-        "as where tasks leave a choice": {"GvN": 20.0, "nominal_posture_gain": 40.0},
+        "as where tasks leave a choice": {"posture_gain": 40.0},
     }.items():
         states, _ = follow(model, replace(PREVIEW, **changes), targets)
         q = states[-1][: len(rest)]

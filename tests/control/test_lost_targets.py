@@ -12,8 +12,8 @@ from small_robots import add_plant, chain_urdf
 
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
-from crar_drake.errors import InputError, ScenarioError
+from crar_drake.control.parameters import LookaheadParameters, PaperParameters
+from crar_drake.errors import InputError
 from crar_drake.judging.referee import Referee
 from crar_drake.results.summary import summarize
 from crar_drake.robot.description import RobotDescription
@@ -86,15 +86,13 @@ class Run:
 
 
 def simulate(
-    lost_tip=(), lost_rail=(), *, duration: float = 2.0, period: float = STEP, **ahead
+    lost_tip=(), lost_rail=(), *, duration: float = 2.0, kind=LookaheadParameters
 ) -> Run:
     builder = DiagramBuilder()
     plant, scene_graph = add_plant(builder, URDF)
-    parameters = CrarParameters(
-        blend_time=BLENDING,
-        period=period,
-        lookahead=LookaheadParameters(**{"horizon": HORIZON} | ahead),
-    )
+    parameters = kind(blend_time=BLENDING)
+    if kind is LookaheadParameters:
+        parameters.braking_time = HORIZON
     controller = AddCrarController(
         builder, plant, scene_graph, DESCRIPTION, [Task(frame="tip")], parameters
     )
@@ -108,7 +106,7 @@ def simulate(
         builder.AddSystem(stream)
         builder.Connect(stream.get_output_port(), port)
     logs = {
-        name: LogVectorOutput(port, builder, period)
+        name: LogVectorOutput(port, builder, STEP)
         for name, port in {
             "state": plant.get_state_output_port(),
             "status": part_port(builder, controller, "status"),
@@ -215,17 +213,16 @@ def test_lost_prescribed_motion_brakes_as_well():
     "lost, port",
     [(dict(lost_tip=[(0.1, 0.2)]), "tasks"), (dict(lost_rail=[(0.1, 0.2)]), "presc")],
 )
-def test_policy_error_names_port_and_time(lost, port):
+def test_the_papers_law_raises_with_port_and_time(lost, port):
     with pytest.raises(InputError, match=rf"desired_{port}.* t = 0\.1 s"):
-        simulate(**lost, duration=0.3, lost_target="error")
+        simulate(**lost, duration=0.3, kind=PaperParameters)
 
 
-@pytest.mark.parametrize("policy", ["brake", "error"])
+@pytest.mark.parametrize("kind", [LookaheadParameters, PaperParameters])
 @pytest.mark.parametrize("entry", [0, 7])
-def test_state_that_is_not_a_number_is_an_error(run, policy, entry):
-    """Under either policy: there is no state to brake from."""
-    parameters = CrarParameters(lookahead=LookaheadParameters(lost_target=policy))
-    controller = CrarController(run.controller.law.model, parameters)
+def test_state_that_is_not_a_number_is_an_error(run, kind, entry):
+    """There is no state to brake from."""
+    controller = CrarController(run.controller.law.model, kind())
     context = controller.CreateDefaultContext()
     state = np.r_[START, np.zeros(4)]
     state[entry] = np.nan
@@ -236,20 +233,10 @@ def test_state_that_is_not_a_number_is_an_error(run, policy, entry):
         controller.get_output_port_actuation().Eval(context)
 
 
-def test_policy_must_be_known():
-    with pytest.raises(ScenarioError, match="lookahead.lost_target: 'stop'"):
-        CrarParameters(lookahead=LookaheadParameters(lost_target="stop")).validate()
-
-
-def test_velocity_level_is_refused():
-    with pytest.raises(ScenarioError, match="controller.level.*acceleration"):
-        (CrarParameters(level="velocity", constraints="lookahead")).validate()
-
-
 def test_log_and_summary_count_the_samples_without_targets():
     """And those samples count in no task error."""
     shipped = load_scenario("obstacle_arm")
-    controller = CrarParameters(constraints="lookahead", period=5e-3)
+    controller = LookaheadParameters(period=5e-3)
     scenario: Scenario = replace(shipped, controller=controller)
     setup = PrepareScenario(scenario)
     motion: DesiredMotion = setup.motion

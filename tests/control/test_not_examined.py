@@ -8,7 +8,7 @@ from pydrake.systems.framework import DiagramBuilder
 from small_robots import CAPSULE, chain_urdf, make_model
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
@@ -18,11 +18,11 @@ BOX = '<box size="0.05 0.07 0.2"/>'
 CYLINDER = '<cylinder radius="0.04" length="0.2"/>'
 
 
-def first_admission(shapes, pairs, **options) -> tuple[ControlModel, np.ndarray]:
+def first_admission(shapes, pairs) -> tuple[ControlModel, np.ndarray]:
     model = make_model(
-        chain_urdf("zyz", shapes=shapes), [Task(frame="tip")], pairs=pairs, **options
+        chain_urdf("zyz", shapes=shapes), [Task(frame="tip")], pairs=pairs
     )
-    law = ControlLaw(model, CrarParameters())
+    law = ControlLaw(model, LookaheadParameters())
     q = model.rest_positions()
     answer = law.step(q, np.zeros(3), model.tasks_at(q))
     return model, answer.admission
@@ -33,14 +33,6 @@ def test_a_pair_with_another_shape_is_not_examined(shapes) -> None:
     model, admission = first_admission(shapes, [["l0", "l2"], ["l1", "post"]])
     assert model.pairs.not_examined == (("l0", "l2"), ("l1", "post"))
     assert np.isfinite(admission[:2]).all() and np.isnan(admission[2:]).all()
-
-
-def test_distances_that_scene_graph_is_asked_for_are_not_examined() -> None:
-    model, admission = first_admission(
-        (CAPSULE,), [["l2", "post"]], distances="scene_graph"
-    )
-    assert model.pairs.not_examined == (("l2", "post"),)
-    assert np.isnan(admission[2:]).all()
 
 
 @pytest.mark.parametrize("shapes", [(CAPSULE,), (BOX,), (BOX, CAPSULE)])

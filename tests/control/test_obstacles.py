@@ -15,10 +15,10 @@ from pydrake.systems.primitives import ConstantVectorSource
 from benchmarks.adversary.robots import load_subject
 from crar_drake import (
     InputError,
-    LookaheadParameters,
     Obstacles,
     SafetyFilter,
     SafetyFilterSystem,
+    SafetyParameters,
     ScenarioError,
 )
 from crar_drake.control.obstacles import ObstacleFilter
@@ -329,7 +329,7 @@ def test_no_number_brakes_and_obstacles_go_on_growing(arm):
     for _ in range(5):
         command = arm(np.full(len(rest), np.nan))
     assert command.report.how == "braking" and command.report.clear
-    regions = arm._memory.regions
+    regions = arm._memory.braking.regions
     assert regions.spheres.radii[0] == pytest.approx(0.2 + 6 * PERIOD)
 
 
@@ -366,9 +366,7 @@ def test_a_tracking_error_makes_links_thicker():
     errs = SafetyFilter(
         "obstacle_arm",
         PERIOD,
-        LookaheadParameters(
-            horizon=plain.parameters.braking_horizon, tracking_error=0.002
-        ),
+        SafetyParameters(braking_time=plain.parameters.T, tracking_error=0.002),
     )
     thin, thick = (f.among._world.value.links.value for f in (plain, errs))
     more = 0.002 * thin.reach.sum(axis=1)
@@ -434,9 +432,7 @@ def test_obstacles_that_are_none_are_refused(given, match):
 def test_parameters_that_do_not_go_with_them_are_refused():
     for speed in (0.0, -1.0, np.inf, np.nan):
         with pytest.raises(ScenarioError, match="contact_speed"):
-            SafetyFilter(
-                "obstacle_arm", PERIOD, LookaheadParameters(contact_speed=speed)
-            )
+            SafetyFilter("obstacle_arm", PERIOD, SafetyParameters(contact_speed=speed))
 
 
 def test_a_person_keeps_to_its_speed(witness):

@@ -5,7 +5,7 @@ import pytest
 from small_logs import small_log
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters, PaperParameters
 from crar_drake.control.plausible import PlausibleStates
 from crar_drake.control.records import (
     STATUS_BLENDING,
@@ -30,10 +30,10 @@ def model():
     )
 
 
-def run(model, changed, constraints="lookahead", steps=300, at=100):
+def run(model, changed, kind=LookaheadParameters, steps=300, at=100):
     """Statuses, torques and accelerations of steps towards a target, of which one, or
     all from one on, are told another state."""
-    law = ControlLaw(model, CrarParameters(period=PERIOD, constraints=constraints))
+    law = ControlLaw(model, kind(period=PERIOD))
     q, v = model.rest_positions(), np.zeros(model.plant.num_velocities())
     tasks = model.tasks_at(q)
     prescribed = model.prescribed_at(q)
@@ -112,7 +112,7 @@ def test_the_papers_constraints_believe_everything(model):
             v[ELBOW] = 150.0
         return q, v
 
-    statuses, torques, _ = run(model, glitch, constraints="paper", steps=102)
+    statuses, torques, _ = run(model, glitch, kind=PaperParameters, steps=102)
     assert statuses[100] == STATUS_TRACKING or statuses[100] == STATUS_BLENDING
     assert np.abs(torques[100]).max() > 3.0 * np.abs(torques[:100]).max()
 

@@ -1,7 +1,5 @@
 """The filter of joint commands: what is safe comes back as it was, the rest safe."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from floating_robots import make_floater, write_floater
@@ -12,8 +10,13 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from small_robots import CAPSULE, chain_urdf, make_model
 
-from crar_drake import ControlModel, CrarError, LookaheadParameters, SafetyFilter
-from crar_drake.control.safety_filter import filter_parameters
+from crar_drake import (
+    ControlModel,
+    CrarError,
+    LookaheadParameters,
+    SafetyFilter,
+    SafetyParameters,
+)
 from crar_drake.equations.path_balls import curvature, near_on_way
 from crar_drake.errors import InputError, ModelError, ScenarioError
 from crar_drake.judging.referee import Referee
@@ -44,7 +47,7 @@ def smooth(filter: SafetyFilter, steps: int, amplitude: float) -> np.ndarray:
 
 def judge(filter: SafetyFilter, q: np.ndarray, v: np.ndarray) -> None:
     """By the referee's distances and limits: commands, ways between, braking paths."""
-    model, T = filter.model, filter.parameters.braking_horizon
+    model, T = filter.model, filter.parameters.T
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
     ways = [q]
     for share in (0.25, 0.5, 0.75, 1.0):
@@ -196,7 +199,8 @@ def test_it_says_which_joints_limit_or_speed_a_command_passes(arm):
         for _ in range(200):
             command = arm(beyond)
         assert abs(command.q[i] - limit) < 1e-6
-    slow = SafetyFilter("obstacle_arm", PERIOD, velocity_limits={"joint7": 0.5})
+    limits = SafetyParameters(velocity_limits={"joint7": 0.5})
+    slow = SafetyFilter("obstacle_arm", PERIOD, limits)
     for k in range(1, 60):
         wanted = rest.copy()
         wanted[6] += 0.01 * min(k, 20) ** 2 / 20
@@ -212,8 +216,9 @@ def test_it_says_which_joints_limit_or_speed_a_command_passes(arm):
 def test_after_it_was_held_back_it_returns_without_a_leap():
     """The acceleration is the nominal speed limit's at most; then all is exact."""
     period, limit = 0.005, 1.0
-    filter = SafetyFilter("obstacle_arm", period, velocity_limits={"joint1": limit})
-    rest, T = filter.model.rest_positions(), filter.parameters.braking_horizon
+    limits = SafetyParameters(velocity_limits={"joint1": limit})
+    filter = SafetyFilter("obstacle_arm", period, limits)
+    rest, T = filter.model.rest_positions(), filter.parameters.T
     wanted, fastest = rest.copy(), 16.0
     for k in range(600):
         # Twice as fast as it may for 0.2 s, and then slowly.
@@ -232,7 +237,7 @@ def test_no_number_brakes_and_is_told(arm):
     wanted = smooth(arm, 100, 0.5)
     for q in wanted[:30]:
         command = arm(q)
-    T = arm.parameters.braking_horizon
+    T = arm.parameters.T
     for k in range(40):
         before = command
         bad = wanted[30].copy()
@@ -386,30 +391,30 @@ def test_a_start_without_numbers_is_refused(arm):
         ({"robot": "obstacle_amr"}, ModelError, "obstacle_arm"),
         ({"period": 0.0}, ScenarioError, "period"),
         ({"period": float("nan")}, ScenarioError, "period"),
-        ({"period": 0.2}, ScenarioError, "braking horizon"),
-        ({"period": 10.0}, ScenarioError, "filter.period: 10 s .*braking horizon"),
-        ({"lookahead": LookaheadParameters(preview=0.1)}, ScenarioError, "preview"),
-        (
-            {"lookahead": LookaheadParameters(tracking_error=3.0)},
-            ScenarioError,
-            "filter.lookahead.tracking_error: 3 of joint",
-        ),
-        ({"lookahead": {}}, ScenarioError, "LookaheadParameters, not dict"),
+        ({"period": 0.2, "braking_time": 0.1}, ScenarioError, "filter.period: 0.2 s"),
+        ({"margin": 1e-3}, ScenarioError, "filter.margin"),
+        ({"tracking_error": 3.0}, ScenarioError, "filter.tracking_error: 3 of joint"),
         ({"velocity_limits": {"joint9": 1.0}}, ScenarioError, "joint9"),
         ({"velocity_scale": -1.0}, ScenarioError, "velocity_scale"),
         ({"robot": 7}, ModelError, "not as int"),
         ({"robot": RobotDescription()}, ModelError, "no model.*FromPlant"),
         ({"period": "0.02"}, ScenarioError, "filter.period: '0.02' is no number"),
         ({"period": np.float32(-1.0)}, ScenarioError, "filter.period"),
-        ({"lookahead": {"horizon": 0.1}}, ScenarioError, "LookaheadParameters"),
+        ({"parameters": {}}, ScenarioError, "SafetyParameters, not dict"),
+        ({"parameters": LookaheadParameters()}, ScenarioError, "SafetyParameters"),
         ({"velocity_scale": "1"}, ScenarioError, "filter.velocity_scale: '1'"),
         ({"velocity_limits": [1.0]}, ScenarioError, "filter.velocity_limits"),
         ({"velocity_limits": {"joint1": "1"}}, ScenarioError, "joint1: '1'"),
     ],
 )
 def test_a_filter_that_cannot_be_made_says_why(arguments, error, word):
+    given = {"robot": "obstacle_arm"}
+    for name, value in arguments.items():
+        if name not in ("robot", "period", "parameters"):
+            value, name = SafetyParameters(**{name: value}), "parameters"
+        given[name] = value
     with pytest.raises(error, match=word) as caught:
-        SafetyFilter(**{"robot": "obstacle_arm"} | arguments)
+        SafetyFilter(**given)
     assert isinstance(caught.value, CrarError)
 
 
@@ -529,7 +534,7 @@ def test_the_pairs_left_out_of_a_way_keep_what_is_claimed(arm):
     filter = SafetyFilter("upper_body")
     model = filter.model
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
-    shapes = filter.pairs.shapes.value
+    shapes = filter._robot.pairs.shapes.value
     robot, balls = shapes.robot.value, shapes.balls.value
     rng = np.random.default_rng(5)
     lower, upper = np.maximum(model.lower, -3.0), np.minimum(model.upper, 3.0)
@@ -557,8 +562,7 @@ def test_the_pairs_left_out_of_a_way_keep_what_is_claimed(arm):
 def test_a_robot_that_errs_by_the_stated_bound_keeps_the_floor(error):
     """It errs in every joint by the same, against the gradient of the nearest pair; a
     filter that is not told of it lets it come nearer."""
-    ahead = replace(filter_parameters(PERIOD), tracking_error=error or None)
-    filter = SafetyFilter("upper_body", PERIOD, ahead)
+    filter = SafetyFilter("upper_body", PERIOD, SafetyParameters(tracking_error=error))
     model, rng, worst = filter.model, np.random.default_rng(4), np.inf
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
     lower, upper, n = model.lower, model.upper, len(filter.joint_names)

@@ -10,8 +10,7 @@ import pytest
 from small_robots import make_model
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.lookahead_parameters import LookaheadParameters
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters, PaperGains
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 
@@ -83,19 +82,16 @@ CASES = {
 
 
 @pytest.mark.parametrize("limits", ['<limit lower="-0.1" upper="0.1"/>', ""])
-@pytest.mark.parametrize("preview", [None, 0.1])
+@pytest.mark.parametrize("nominal", [None, PaperGains()], ids=["plan", "paper"])
 @pytest.mark.parametrize("period", [0.005, 0.02])
 @pytest.mark.parametrize("case", CASES)
-def test_a_slide_takes_nothing_into_what_it_reaches(case, period, preview, limits):
+def test_a_slide_takes_nothing_into_what_it_reaches(case, period, nominal, limits):
     q_post, prescribed, way = CASES[case]
     post_at = AT + q_post
     model = swing(post_at, limits, prescribed)
-    T = None if preview else 0.083
-    ahead = LookaheadParameters(preview=preview, horizon=T)
-    law = ControlLaw(
-        model, CrarParameters(period=period, lookahead=ahead, blend_time=0.0)
-    )
-    T = law.parameters.braking_horizon
+    gains = LookaheadParameters(period=period, blend_time=0.0, nominal=nominal)
+    law = ControlLaw(model, gains)
+    T = law.parameters.T
     # Beside the post by 3 cm, or where it will be when the slide is there.
     slide = way(0.0) if way else q_post
     q = np.array([2.0 * np.arcsin((0.03 + BALL + POST) / 2 / post_at), slide])

@@ -12,8 +12,7 @@ from small_robots import LINK, add_plant, chain_urdf, make_model
 
 from crar_drake import position_tasks
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.lookahead_parameters import LookaheadParameters
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters, PaperGains
 from crar_drake.control.tracking_error import distance_losses
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import RobotDescription, load_robot_description
@@ -21,8 +20,6 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 
 PERIOD = 0.01
-# Pairs are approached until their margin.
-PRESSING = {"approach_rate": 60.0, "limit_approach_rate": 60.0}
 
 
 def shipped(name: str, frames: list[str]) -> ControlModel:
@@ -32,11 +29,8 @@ def shipped(name: str, frames: list[str]) -> ControlModel:
 
 
 def law_of(model: ControlModel, **ahead) -> ControlLaw:
-    parameters = CrarParameters(
-        period=PERIOD,
-        blend_time=0.0,
-        respect_effort_limits=False,
-        lookahead=LookaheadParameters(**(PRESSING | ahead)),
+    parameters = LookaheadParameters(
+        period=PERIOD, blend_time=0.0, effort_limits=False, **ahead
     )
     return ControlLaw(model, parameters)
 
@@ -65,14 +59,13 @@ def commands(law: ControlLaw, steps: int, seed: int):
         yield q, v
 
 
-@pytest.mark.parametrize("preview", [None, 0.1])
-def test_no_error_changes_nothing(preview):
+@pytest.mark.parametrize("nominal", [None, PaperGains()], ids=["plan", "paper"])
+def test_no_error_changes_nothing(nominal):
     """To the last bit; and one does."""
     model = shipped("upper_body", ["left_wrist", "right_wrist"])
-    given = {} if preview is None else {"preview": preview}
 
     def states(**more) -> np.ndarray:
-        law = law_of(model, **given, **more)
+        law = law_of(model, nominal=nominal, **more)
         return np.array([np.concatenate(x) for x in commands(law, 40, 1)])
 
     without = states()
@@ -117,7 +110,7 @@ def test_by_hand(joint, of_post, of_base):
         pairs=[["l4", "post"], ["l4", "l0"]],
     )
     radii = [
-        law_of(model, **given).mode.robot.value.pairs.value.sizes.radii
+        law_of(model, **given)._constraints._robot.value.pairs.value.sizes.radii
         for given in ({}, {"tracking_errors": {joint: 1e-3}})
     ]
     expected = 1e-3 * np.array(2 * [of_post, of_base])
@@ -137,7 +130,7 @@ def test_by_hand(joint, of_post, of_base):
 def test_errors_that_cannot_be_are_refused(given, words):
     model = shipped("obstacle_arm", ["tool"])
     with pytest.raises(ScenarioError) as caught:
-        parameters = CrarParameters(lookahead=LookaheadParameters(**given))
+        parameters = LookaheadParameters(**given)
         parameters.validate()
         ControlLaw(model, parameters)
     for word in words:

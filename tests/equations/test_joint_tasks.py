@@ -5,8 +5,7 @@ import pytest
 from small_robots import chain_urdf, make_model, random_state
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.lookahead_parameters import LookaheadParameters
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters, PaperParameters
 from crar_drake.errors import ModelError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, joint_tasks
@@ -62,12 +61,12 @@ def test_consistent_targets_are_followed_without_bias(model, constraints):
             limit_margin=1e-9,
             guard_norm="tasks",
         )
-        parameters = CrarParameters(damping=0.5, blend_time=0.0, lookahead=far)
+        parameters = LookaheadParameters(damping=0.5, blend_time=0.0, lookahead=far)
     else:
-        parameters = CrarParameters(
+        parameters = LookaheadParameters(
             constraints=constraints, damping=0.5, blend_time=0.0
         )
-    parameters.respect_effort_limits = False
+    parameters.effort_limits = False
     for seed in range(5):
         q, v, a, targets = consistent(model, seed)
         found = ControlLaw(model, parameters).step(q, v, targets)
@@ -81,7 +80,7 @@ def test_consistent_targets_are_followed_without_bias(model, constraints):
 def test_other_targets_give_the_least_squares_about_the_preference(model):
     """Against NumPy's least squares of |S (J x - b)|^2 + lambda^2 |x - x_0|^2."""
     damping, rng = 0.3, np.random.default_rng(4)
-    gains = CrarParameters(constraints="none", damping=damping, blend_time=0.0)
+    gains = PaperParameters(constraints="none", damping=damping, blend_time=0.0)
     q, v, _, targets = consistent(model, 7)
     layout = model.layout
     targets[layout.size_x + layout.m :] += rng.normal(size=layout.m)
@@ -109,7 +108,7 @@ def test_other_targets_give_the_least_squares_about_the_preference(model):
 def test_they_are_blended_in_from_where_the_joint_is(model):
     q, v, _, targets = consistent(model, 3)
     targets[model.layout.joint_entries] += 0.5
-    law = ControlLaw(model, CrarParameters(constraints="none"))
+    law = ControlLaw(model, PaperParameters(constraints="none"))
     first = law.step(q, 0.0 * v, targets)
     # At rest and at the start of the blending nothing is asked of a joint.
     rows = model.layout.joint_rows

@@ -5,7 +5,7 @@ import pytest
 from small_robots import make_model
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.equations.kinematics import link_poses, place_points
 from crar_drake.equations.nearby import (
     ball_distances,
@@ -58,7 +58,7 @@ def mode():
         time_step=STEP,
         pairs=[["slider", f"post{k}"] for k in range(len(POSTS))],
     )
-    return ControlLaw(model, CrarParameters(period=PERIOD)).mode
+    return ControlLaw(model, LookaheadParameters(period=PERIOD)).mode
 
 
 def distances(q: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from scipy.linalg import lstsq
 
 from crar_drake import ControlModel, load_robot_description, position_tasks
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.equations.kinematics import Measured, find_state
 from crar_drake.equations.references import References
 
@@ -230,7 +230,7 @@ def test_rows_are_how_distances_and_limits_change(model):
     rng = np.random.default_rng(2)
     robot = model.robot_ahead
     r, n = robot.value, model.n
-    parameters = CrarParameters(lookahead=LookaheadParameters(preview=DURATION))
+    parameters = LookaheadParameters(lookahead=LookaheadParameters(preview=DURATION))
     numbers = ControlLaw(model, parameters).mode.numbers.value
     workspace = model.MakeWorkspace()
     q, v = crossed(model, rng)
@@ -245,9 +245,7 @@ def test_rows_are_how_distances_and_limits_change(model):
         return ahead
 
     def distances(plan):
-        return np.array(
-            [model.evaluate_distances(workspace, at).d for at in places(plan)]
-        )
+        return np.array([model.evaluate_distances(at).d for at in places(plan)])
 
     x = expected_motion(state.v, np.zeros(model.n_p), last, PREVIEW)
     gains = numbers.gains
@@ -260,7 +258,7 @@ def test_rows_are_how_distances_and_limits_change(model):
     expected = {}
     # What is in violation leaves at its retreat speed.
     until = PREVIEW.times + PERIOD
-    here = model.evaluate_distances(workspace, q).d
+    here = model.evaluate_distances(q).d
     asked = np.minimum(MARGIN, here + np.outer(until, np.full(len(here), 0.5)))
     for d, wanted, rate in zip(
         there.ravel(), asked.ravel(), change.ravel(), strict=True
@@ -290,7 +288,7 @@ def test_rows_are_how_distances_and_limits_change(model):
 
 def test_a_motion_that_no_robot_makes_is_not_believed(model):
     """Of any plan: within the limits, or where the joint is now, and no faster."""
-    parameters = CrarParameters(lookahead=LookaheadParameters(preview=DURATION))
+    parameters = LookaheadParameters(lookahead=LookaheadParameters(preview=DURATION))
     limits = ControlLaw(model, parameters).mode.numbers.value.limits.value
     rng = np.random.default_rng(3)
     for size in (1.0, 1e8):

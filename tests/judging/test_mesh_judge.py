@@ -114,7 +114,6 @@ def log_of(folder: Path, q: np.ndarray):
         signed_distances=np.ones((size, 1)),
         constraint_weights=np.ones((size, 2)),
         status=np.zeros((size, 1)),
-        resting_margins=np.full((size, 2), np.nan),
         admission=np.full((size, 4), np.nan),
         balance=np.full((size, 3), np.nan),
         obstacles=np.empty((size, 0)),

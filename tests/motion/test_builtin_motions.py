@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import PaperParameters
 from crar_drake.motion.catalogue import builtin_names, load_clip, load_performer
 from crar_drake.motion.formats.asf_amc import forward_kinematics
 from crar_drake.motion.joint_centres import joint_centres
@@ -94,7 +94,7 @@ def _violations(name: str, tasks: list[str]) -> tuple[np.ndarray, np.ndarray]:
         load_robot_description("upper_body"), position_tasks(tasks)
     )
     targets = load_motion_targets(name, model)
-    parameters = CrarParameters(constraints="none", period=STEP)
+    parameters = PaperParameters(constraints="none", period=STEP)
     law = ControlLaw(model, parameters)
     source = targets.MakePrescribedSource()
     context = source.CreateDefaultContext()

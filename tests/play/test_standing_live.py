@@ -7,7 +7,7 @@ import pytest
 from pydrake.geometry import Meshcat
 from standing_robots import HEIGHT, standing_robot
 
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.play.live_scene import LiveScene
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import Pacer
@@ -26,7 +26,7 @@ def live(tmp_path_factory) -> LiveSimulation:
         tasks=[Task(frame="hand")],
         keyframes={"hand": [Keyframe(time=i, xyz=xyz) for i, xyz in enumerate(way)]},
         standing=Standing(),
-        controller=CrarParameters(period=0.005),
+        controller=LookaheadParameters(period=0.005),
     )
     return LiveSimulation(scenario)
 

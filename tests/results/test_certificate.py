@@ -13,8 +13,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from small_logs import small_log
 
-from crar_drake.control.lookahead_parameters import LookaheadParameters
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.judging.referee import Referee
 from crar_drake.results.certificate import has_certificate, judge_certificate
 
@@ -33,7 +32,7 @@ URDF = f"""<robot name="slider"><link name="world"/>{BALL.format("post")}
 </robot>"""
 
 PERIOD, T = 0.1, 0.5
-PARAMETERS = CrarParameters(period=PERIOD, lookahead=LookaheadParameters(horizon=T))
+PARAMETERS = LookaheadParameters(period=PERIOD, braking_time=T)
 
 
 def referee() -> Referee:

@@ -56,7 +56,6 @@ def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
         signed_distances=distances,
         constraint_weights=np.ones((T, model.n)),
         status=np.zeros((T, 1)),
-        resting_margins=np.full((T, 2), np.nan),
         admission=np.full((T, 4), np.nan),
         balance=np.full((T, 3), np.nan),
         torque_limit=np.tile([1.0, 0.0], (T, 1)),
@@ -169,7 +168,7 @@ def test_near_pairs_end_on_the_surfaces(log, page):
     np.testing.assert_allclose(near[shown, 0, 1], 0.01, atol=2**-18)
     model = ControlModel.FromDescription(load_robot_description("upper_body"), TASKS)
     workspace = model.MakeWorkspace()
-    distances = model.evaluate_distances(workspace, log.q[100])
+    distances = model.evaluate_distances(log.q[100])
     _, _, *points = near[32, 0]
     a, b = np.array(points[:3]), np.array(points[3:])
     assert np.linalg.norm(a - b) == pytest.approx(distances.d[hands], abs=2e-5)
@@ -196,7 +195,7 @@ def test_curves_keep_every_peak(log, meshcat, tmp_path):
     columns = {
         name: np.repeat(getattr(log, name)[:1], len(time), axis=0)
         for name in ("v", "actuation", "desired_acceleration", "desired_tasks")
-        + ("task_error", "constraint_weights", "status", "resting_margins")
+        + ("task_error", "constraint_weights", "status")
         + ("admission", "balance", "torque_limit")
     }
     long = replace(log, time=time, q=q, signed_distances=distances, **columns)
@@ -480,7 +479,7 @@ def test_page_appears_whole_or_not_at_all(log, meshcat, tmp_path):
             name: getattr(log, name)[:5]
             for name in ("time", "q", "v", "actuation", "desired_acceleration")
             + ("desired_tasks", "task_error", "signed_distances", "status")
-            + ("constraint_weights", "resting_margins", "admission", "balance")
+            + ("constraint_weights", "admission", "balance")
             + ("torque_limit",)
         },
     )

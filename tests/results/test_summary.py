@@ -90,13 +90,6 @@ def test_samples_without_targets_count_in_no_error():
     assert summary.rms_orientation_error == pytest.approx(0.1)
 
 
-def test_margins_where_the_robot_would_come_to_rest():
-    summary = summarize(small_log())
-    assert (summary.resting_distance, summary.resting_margin) == (0.1, 0.2)
-    summary = summarize(small_log(resting_margins=np.full((3, 2), np.nan)))
-    assert (summary.resting_distance, summary.resting_margin) == (None, None)
-
-
 def admitted_log(*rows, **changes):
     """One sample a row of how, clearance and clear; control steps of 0.5 s."""
     log = small_log()

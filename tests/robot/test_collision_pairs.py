@@ -101,19 +101,6 @@ def test_the_order_within_a_pair_does_not_matter():
         np.testing.assert_allclose(a.dd_dq, b.dd_dq, atol=1e-4)
 
 
-def test_mixed_closed_and_queried_rows_stay_in_order():
-    """Between capsules and boxes: the answers are put back where they belong."""
-    shapes = (CAPSULE, CYLINDER, BOX)
-    pairs = [["l0", "post"], ["l1", "l3"], ["l2", "post"], ["l0", "l3"]]
-    urdf = chain_urdf("zyzy", shapes=shapes)
-    mixed = make_model(urdf, pairs=pairs)
-    queried = make_model(urdf, pairs=pairs, distances="scene_graph")
-    for seed in range(4):
-        q, v = random_state(mixed, seed)
-        a, b = (m.evaluate(m.MakeWorkspace(), q, v) for m in (mixed, queried))
-        np.testing.assert_allclose(a.d, b.d, atol=1e-5)
-
-
 def test_shape_without_a_distance_is_refused(monkeypatch):
     """What SceneGraph has no distance of is said at construction."""
 

@@ -213,7 +213,7 @@ def test_distances_to_a_mesh_are_drakes_to_boxes_in_its_place(tmp_path):
     )
     (there / "chain.urdf").write_text(text)
     other = ControlModel.FromDescription(
-        load_robot_description(str(there)), [Task(frame="tip")], distances="scene_graph"
+        load_robot_description(str(there)), [Task(frame="tip")]
     )
     rng = np.random.default_rng(1)
     apart = 0

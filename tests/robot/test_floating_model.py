@@ -105,7 +105,7 @@ def test_distances_are_the_referees_and_their_gradients_differences(
         moved[model.controlled_positions] += by[model.controlled]
         return referee.distances(moved)
 
-    found = model.evaluate_distances(workspace, q)
+    found = model.evaluate_distances(q)
     np.testing.assert_allclose(found.d, apart(np.zeros(nv)), atol=1e-13)
     h = 1e-6
     g = np.array([(apart(h * e) - apart(-h * e)) / (2.0 * h) for e in np.eye(nv)]).T

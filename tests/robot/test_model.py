@@ -172,7 +172,6 @@ def test_distances_and_gradients(shapes):
         prescribed_joints={"rail": "hold"},
         pairs=[["l1", "post"], ["post", "l2"]],
     )
-    assert model.pairs.needs_query == ("cylinder" in shapes[0])
     compared = 0
     for seed in range(6):
         q, v = random_state(model, seed)
@@ -440,11 +439,6 @@ def test_floating_base_is_refused():
         ControlModel.FromPlant(
             plant, scene_graph, RobotDescription(), [Task(frame="tip")]
         )
-
-
-def test_unknown_way_of_distances_is_refused():
-    with pytest.raises(ModelError, match="closed_form"):
-        make_model(chain_urdf("zz"), distances="exact")
 
 
 def test_the_default_model_is_a_clone():

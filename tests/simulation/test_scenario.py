@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import PaperParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import robot_names
 from crar_drake.robot.task import EXPERIMENTS
@@ -50,12 +50,13 @@ def test_by_path_by_name_and_by_path_of_a_shipped_one(tmp_path: Path):
 
 def test_nested_values_keep_the_other_defaults():
     scenario = parse_scenario(
-        VALID + "controller: {Kp: 100, Kv: 9}\nplant_config: {time_step: 0.0005}\n"
+        VALID + "controller: {constraints: paper, Kp: 100, Kv: 9}\n"
+        "plant_config: {time_step: 0.0005}\n"
         "simulator_config: {target_realtime_rate: 1.0}\n"
         "simulated_robot: {contact: true}"
     )
     assert (scenario.controller.Kp, scenario.controller.velocity_gain) == (100.0, 9.0)
-    assert scenario.controller.Gv == CrarParameters().Gv
+    assert scenario.controller.Gv == PaperParameters().Gv
     assert scenario.plant_config.discrete_contact_approximation == "lagged"
     assert scenario.simulator_config.max_step_size == 1e-2
     assert scenario.simulator_config.target_realtime_rate == 1.0
@@ -71,7 +72,11 @@ def test_round_trip(name):
 
 REFUSED = [
     (VALID + "controller: {constraint: paper}", ["did you mean 'constraints'"]),
-    (VALID + "controller: {lookahead: {retreat_rat: 1}}", ["'retreat_rate'"]),
+    (VALID + "controller: {balance: {frictoin: 1}}", ["'friction'"]),
+    (VALID + "controller: {lookahead: {horizon: 1}}", ["keys are those of controller"]),
+    (VALID + "controller: {respect_effort_limits: true}", ["write effort_limits"]),
+    (VALID + "controller: {Kp: 100}", ["controller.Kp", "constraints: paper"]),
+    (VALID + "controller: {constraints: qp}", ["none, paper, lookahead"]),
     (VALID + "simulated_robot: {contacts: true}", ["did you mean 'contact'"]),
     ("experiment: wrists", ["either motion", "neither"]),
     (VALID + "keyframes: {a: [{time: 0}, {time: 1}]}", ["either motion", "both"]),
@@ -83,9 +88,9 @@ REFUSED = [
     (VALID + "duration: -1", ["duration"]),
     (VALID + "cutoff: 0", ["cutoff"]),
     (VALID + "log_period: 0", ["log_period"]),
-    (VALID + "controller: {level: torque}", ["controller.level", "velocity"]),
-    (VALID + "controller: {damping: -0.1}", ["controller.damping", "-0.1"]),
-    (VALID + "controller: {Kp: .nan}", ["controller.Kp"]),
+    (VALID + "controller: {constraints: none, level: torque}", ["level", "velocity"]),
+    (VALID + "controller: {nominal: {damping: -0.1}}", ["damping", "-0.1"]),
+    (VALID + "controller: {constraints: paper, Kp: .nan}", ["controller.Kp"]),
     (VALID + "controller: {period: 0.0015}", ["controller.period", "0.001"]),
     (VALID + "controller: {period: 0.0005}", ["controller.period", "choose"]),
     (VALID + "plant_config: {time_step: -0.001}", ["plant_config.time_step"]),
@@ -209,7 +214,7 @@ def test_speed_limits_in_the_file():
     assert controller.velocity_scale == 0.5
     assert controller.velocity_limits == {"left_elbow": 3.0, "torso_yaw": math.inf}
     again = parse_scenario(parse_scenario(text).to_yaml()).controller
-    assert again == controller and again.respect_effort_limits is None
+    assert again == controller and again.effort_limits
     with pytest.raises(ScenarioError, match="left_elbow.*expected a number"):
         parse_scenario(text.replace("elbow: 3", "elbow: fast"))
     with pytest.raises(ScenarioError, match=r"velocity_limits\.left_elbow: -3.0 must"):

@@ -7,7 +7,7 @@ import pytest
 from standing_robots import APART, HEIGHT, PAD, standing_robot, tipping_cell
 
 from crar_drake.commands import main
-from crar_drake.control.parameters import BalanceParameters, CrarParameters
+from crar_drake.control.parameters import BalanceParameters, LookaheadParameters
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.references.ground_demand import ground_wrench
 from crar_drake.results.log import SimulationLog
@@ -44,7 +44,7 @@ def scenario(folder, *poses: tuple[float, float], **options) -> Scenario:
         tasks=[Task(frame="hand")],
         keyframes={"hand": frames},
         standing=Standing(),
-        controller=CrarParameters(period=0.005),
+        controller=LookaheadParameters(period=0.005),
     )
     made.plant_config.time_step = 0.0025
     return replace(made, **options)
@@ -155,7 +155,7 @@ def test_a_run_of_a_cell_whose_base_is_fixed(tmp_path) -> None:
     swing = [Keyframe(0.3 * i, xyz=[0.5 * (-1.0) ** i, 0.0, 1.2]) for i in range(5)]
     farthest = []
     for balance in (BalanceParameters(), None):
-        controller = CrarParameters(period=0.005, balance=balance)
+        controller = LookaheadParameters(period=0.005, balance=balance)
         run = run_scenario(
             scenario(
                 tmp_path,

@@ -10,8 +10,7 @@ from small_robots import chain_urdf
 
 from crar_drake.commands import main
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.lookahead_parameters import LookaheadParameters
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import PaperParameters
 from crar_drake.motion.report import Flip, Jump, MotionReport, inspect
 from crar_drake.run import run_scenario
 from crar_drake.simulation.diagram import PrepareScenario
@@ -120,58 +119,10 @@ def test_a_duration_beyond_the_end_says_what_happens_then(dance):
     assert f"the motion ends at {end:.2f} s" in line and "stand still" in line
 
 
-@pytest.mark.parametrize(
-    ("gains", "ahead", "name"),
-    [
-        ({"K": 12.0}, {}, "controller.K"),
-        ({"Kp": 90.0}, {}, "controller.Kp"),
-        ({"Kv": 9.0}, {}, "controller.Kv"),
-        ({"damping": 0.4}, {}, "controller.damping"),
-        ({}, {"rho": 1e-6}, "controller.lookahead.rho"),
-        ({}, {"rho_limits": 1e-4}, "controller.lookahead.rho_limits"),
-    ],
-)
-def test_gains_that_do_nothing_to_tasks_are_named(dance, gains, ahead, name):
-    """They do nothing where the law plans, and something where it does not."""
-    scenario, setup = dance
-    model = setup.model
-    q, v = setup.start_positions, np.full(model.plant.num_velocities(), 0.2)
-    v[model.prescribed] = 0.0  # what follows its motion by Kp and Kv
-    tasks, prescribed = setup.motion.tasks_at(0.4), model.prescribed_at(q)
-
-    def told(gains: dict, **ahead) -> tuple[list[str], np.ndarray]:
-        parameters = CrarParameters(
-            **gains, blend_time=0.0, lookahead=LookaheadParameters(**ahead)
-        )
-        changed = replace(scenario, controller=parameters)
-        law = ControlLaw(model, parameters)
-        found = [law.step(q, v, tasks, prescribed) for _ in range(3)][-1]
-        lines = run_warnings(changed, setup, None, recorded=False)
-        return lines, found.acceleration[model.controlled]
-
-    (line,), planned = told(gains, **ahead)
-    assert line.startswith(f"{name}: ") and "lookahead.preview: 0" in line
-    np.testing.assert_array_equal(planned, told({})[1])
-    lines, fed_back = told(gains, preview=0.0, **ahead)
-    assert lines == []
-    if name != "controller.Kv":  # the damping of what moves as its target does
-        assert np.abs(fed_back - told({}, preview=0.0)[1]).max() > 1e-9
-
-
-def test_a_damping_that_the_guard_uses_is_not_named(dance):
-    scenario, setup = dance
-    ahead = LookaheadParameters(guard_norm="tasks")
-    for guarded, named in ((ahead, False), (replace(ahead, guard_damping=0.1), True)):
-        gains = CrarParameters(damping=0.4, lookahead=guarded)
-        changed = replace(scenario, controller=gains)
-        lines = run_warnings(changed, setup, None, recorded=False)
-        assert any("controller.damping" in line for line in lines) == named
-
-
 def test_beyond_the_end_the_targets_do_stand_still(folder):
     """What the warning says, seen in the log."""
     scenario = replace(load_scenario("dance_wrists"), duration=0.4, frame_rate=4000.0)
-    scenario.controller.constraints = "none"
+    scenario.controller = PaperParameters(constraints="none")
     log = run_scenario(scenario).log
     end = PrepareScenario(scenario).motion.duration
     assert 0.1 < end < 0.3

@@ -177,7 +177,7 @@ def test_a_scenario_says_whether_obstacles_are_evaded(tmp_path):
     for evade in ("false", "true"):
         path.write_text(
             "robot: upper_body\nmotion: dance\nexperiment: wrists\n"
-            f"controller: {{lookahead: {{evade: {evade}}}}}\n"
+            f"controller: {{evade: {evade}}}\n"
         )
         server = make_server(str(path), joints=True, rate=100.0)
         motion = server.motion

@@ -9,7 +9,7 @@ SCENARIO = """robot: {folder}
 tasks: [{{frame: hand}}]
 keyframes: {{hand: [{{time: 0.0, xyz: [0.4, 0.0, 0.8]}}]}}
 standing: {{friction: 0.8}}
-controller: {{lookahead: {{horizon: 0.1}}, balance: {{}}}}
+controller: {{braking_time: 0.1, balance: {{}}}}
 """
 
 
@@ -28,7 +28,7 @@ def test_a_scenario_that_stands_is_served_on_its_feet(tmp_path):
             solution = motion.law.step(
                 motion.q, motion.v, tasks, motion.model.prescribed_at(start)
             )
-            hows.add(solution.of_mode["balance"][0])
+            hows.add(solution.balance[0])
             motion.q = motion.q + 0.01 * motion.v + 1e-4 * solution.acceleration
             motion.v = motion.v + 0.01 * solution.acceleration
         assert {0.0, 1.0} & hows and np.abs(motion.q - start).max() > 0.05

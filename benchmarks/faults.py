@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from crar_drake.control.lookahead_parameters import LookaheadParameters
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from benchmarks.filter_faults import filter_table, run_filter_faults
@@ -23,6 +22,7 @@ from benchmarks.options import (
 )
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.commands.options import positive
+from crar_drake.control.parameters import LookaheadParameters, with_constraints
 from crar_drake.errors import InputError
 from crar_drake.judging.referee import Referee
 from crar_drake.robot.task import EXPERIMENTS
@@ -116,12 +116,12 @@ class Outcome:
 
 NO_FAULT = Fault("none", "–")
 DEFAULTS = Remedy("")
-_WIDER = {"distance_margin": 0.02, "limit_margin": 0.05}
+_WIDER = {"margin": 0.02, "limit_margin": 0.05}
 # Each is tried on a run with a violation.
 REMEDIES = (
     Remedy("d_min 20 mm, limits 0.05 rad", _WIDER),
-    Remedy("the same and T 1/20 s", _WIDER | {"horizon": 1 / 20}),
-    Remedy("the same and T 1/60 s", _WIDER | {"horizon": 1 / 60}),
+    Remedy("the same and T 1/20 s", _WIDER | {"braking_time": 1 / 20}),
+    Remedy("the same and T 1/60 s", _WIDER | {"braking_time": 1 / 60}),
     Remedy("control period 1 ms", period=1e-3),
 )
 
@@ -280,7 +280,7 @@ def under(scenario: Scenario, fault: Fault, remedy: Remedy = DEFAULTS) -> Scenar
         scenario.controller,
         period=remedy.period or fault.period or scenario.controller.period,
         latency=fault.latency,
-        lookahead=replace(scenario.controller.lookahead, **remedy.settings),
+        **remedy.settings,
     )
     return replace(scenario, controller=controller, disturbances=fault.disturbances)
 
@@ -321,19 +321,8 @@ def run_fault(
             run = run_scenario(under(scenario, fault, remedy), record=False)
         except (InputError, *FAILURES):
             # The state is not finite any more: the loop is unstable.
-            infinite = float("inf")
-            outcome = Outcome(
-                fault.name,
-                fault.assumption,
-                remedy.name,
-                where,
-                1,
-                1,
-                -infinite,
-                infinite,
-                infinite,
-                infinite,
-            )
+            names, infinite = (fault.name, fault.assumption, remedy.name), np.inf
+            outcome = Outcome(*names, where, 1, 1, -infinite, *[infinite] * 3)
         else:
             outcome = judge(run, fault, remedy, where)
         outcomes.append(outcome)
@@ -440,12 +429,12 @@ def tracking_tables(motions: Sequence[str], errors: Sequence[float]) -> list[Tab
     runs, moments = {}, {}
     for motion in motions:
         scenario = base_scenario(motion, "upper-body")
-        controller = replace(scenario.controller, constraints="none")
+        controller = with_constraints(scenario.controller, "none")
         found = run_scenario(replace(scenario, controller=controller), record=False)
         moment = find_moment(found)
         runs[motion] = found
         moments[motion] = moment.time, moment.hand, moment.towards
-    floor = LookaheadParameters().floor
+    floor = LookaheadParameters().safety_distance
     return [
         filter_table(run_filter_faults(error, runs, moments), error, floor)
         for error in errors

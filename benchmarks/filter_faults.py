@@ -8,7 +8,7 @@ compares the measured state with the command before, and brakes beyond E.
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.common.value import Value
@@ -22,7 +22,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from benchmarks.page import Table
-from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
+from crar_drake.control.parameters import SafetyParameters
+from crar_drake.control.safety_filter import SafetyFilter
 from crar_drake.judging.referee import Referee
 from crar_drake.robot.description import add_robot, load_robot_description
 from crar_drake.run import RunResult
@@ -136,15 +137,13 @@ def make_filter(error: float, period: float = PERIOD) -> SafetyFilter:
         for plant_joint in map(model.plant.get_joint, model.plant.GetJointIndices())
         if isinstance(plant_joint, PrismaticJoint)
     }
-    stated = replace(
-        filter_parameters(period), tracking_error=error, tracking_errors=slides
-    )
+    stated = SafetyParameters(tracking_error=error, tracking_errors=slides)
     return SafetyFilter(ROBOT, period, stated)
 
 
 def stated_errors(filter: SafetyFilter, error: float) -> np.ndarray:
     """(n,) E of each joint of `make_filter`."""
-    stated = filter.parameters.lookahead.tracking_errors
+    stated = filter.parameters.tracking_errors
     return np.array([stated.get(name, error) for name in filter.joint_names])
 
 

@@ -3,8 +3,7 @@
 import argparse
 
 from crar_drake.commands.options import positive
-from crar_drake.control.lookahead_parameters import LookaheadParameters
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters, PaperGains
 
 
 def seed_number(text: str) -> int:
@@ -22,7 +21,8 @@ def add_preview_option(parser: argparse.ArgumentParser) -> None:
         "--preview",
         type=lambda text: 0.0 if text == "0" else positive(text),
         metavar="S",
-        help="how far the lookahead plans ahead [s] (default: its own; 0: not at all)",
+        help="how far the lookahead plans ahead [s] (default: its own; 0: not at all, "
+        "the nominal is the paper's law)",
     )
 
 
@@ -33,15 +33,13 @@ def defaults_or_preview(arguments: argparse.Namespace) -> str:
     return "preview" if arguments.preview else "no preview"
 
 
-def lookahead_defaults(preview: float | None, **settings) -> CrarParameters:
+def lookahead_defaults(preview: float | None, **settings) -> LookaheadParameters:
     """The lookahead with another preview or none, all else by default but `settings`.
 
     Args:
         preview: what --preview says [s].
-        settings: other fields of `CrarParameters`.
+        settings: other fields of `LookaheadParameters`.
     """
-    return CrarParameters(
-        constraints="lookahead",
-        lookahead=LookaheadParameters(preview=preview),
-        **settings,
-    )
+    if preview == 0.0:
+        return LookaheadParameters(nominal=PaperGains(), **settings)
+    return LookaheadParameters(preview=preview, **settings)

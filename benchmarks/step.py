@@ -18,14 +18,18 @@ import numba
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
-from benchmarks.options import add_preview_option, defaults_or_preview
+from benchmarks.options import (
+    add_preview_option,
+    defaults_or_preview,
+    lookahead_defaults,
+)
 from benchmarks.page import Benchmark, Table
 from benchmarks.page import run as run_command
 from benchmarks.step_compiling import measure_compiling
 from benchmarks.step_robots import PERIOD, make_robot, make_samples
 from benchmarks.step_timing import Step, fit_growth, samples_of_run, time_side_by_side
 from benchmarks.sweep.command import list_of, one_of
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import CONSTRAINTS, PaperParameters
 from crar_drake.results import RECORDING
 from crar_drake.results.playback import record_log
 from crar_drake.run import make_log, run_scenario
@@ -79,12 +83,13 @@ def scenario_of(
     case: str, mode: str, duration: float, preview: float | None = None
 ) -> Scenario:
     """The scenario of a case of CASES; see `measure_steps`."""
-    controller = CrarParameters(constraints=mode)
-    controller.lookahead.preview = preview
-    controller.respect_effort_limits = case == LIMITED
+    limited = case == LIMITED
+    controller = PaperParameters(effort_limits=limited)
+    if mode == "lookahead":
+        controller = lookahead_defaults(preview, effort_limits=limited)
     return Scenario(
         motion=MOTION,
-        experiment="upper-body" if case == LIMITED else case,
+        experiment="upper-body" if limited else case,
         controller=controller,
         duration=duration,
     )
@@ -157,9 +162,7 @@ def measure_growth(
         for size, robot in zip(sizes, robots, strict=True):
             model = make_robot(*robot)
             for mode in MODES:
-                parameters = CrarParameters(
-                    constraints=mode, period=PERIOD, blend_time=0.0
-                )
+                parameters = CONSTRAINTS[mode](period=PERIOD, blend_time=0.0)
                 samples = make_samples(model, parameters, num_steps)
                 steps[mode, size] = Step(model, parameters, samples)
         times = time_side_by_side(steps)

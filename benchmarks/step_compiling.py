@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import replace
 
 from benchmarks.page import ROOT, Table
 from crar_drake.errors import CrarError
@@ -62,12 +61,13 @@ def measure_here(constraints: str) -> dict[str, float]:
     """Wall and processor time [s] of making model and law of the main command's
     scenario, ready for the first step. Imports do not count."""
     from crar_drake.control.law import ControlLaw
+    from crar_drake.control.parameters import with_constraints
     from crar_drake.simulation.diagram import PrepareScenario
     from crar_drake.simulation.scenario import load_scenario
 
     wall, cpu = time.perf_counter(), time.process_time()
     scenario = load_scenario("dance")
-    scenario.controller = replace(scenario.controller, constraints=constraints)
+    scenario.controller = with_constraints(scenario.controller, constraints)
     ControlLaw(PrepareScenario(scenario).model, scenario.controller).compile()
     return {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
 

@@ -13,7 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from benchmarks.step_timing import Samples
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import Parameters
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -66,7 +66,7 @@ def make_robot(
 
 
 def make_samples(
-    model: ControlModel, parameters: CrarParameters, num_steps: int
+    model: ControlModel, parameters: Parameters, num_steps: int
 ) -> Samples:
     """Control steps of the robot as its tasks go around small circles.
 

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import InputPort
 
 from crar_drake.control.controller import CrarController
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import Parameters
 from crar_drake.robot.model import ControlModel
 from crar_drake.run import RunResult
 
@@ -61,7 +61,7 @@ class Step:
     """
 
     def __init__(
-        self, model: ControlModel, parameters: CrarParameters, samples: Samples
+        self, model: ControlModel, parameters: Parameters, samples: Samples
     ) -> None:
         self.controller = CrarController(model, parameters)
         self._samples = samples

@@ -123,9 +123,9 @@ def draw_joint_space(ax) -> None:
     share = admitted_share()
     paths = [
         ("present braking path", Q, Q + HORIZON * QDOT, BLUE, "-"),
-        ("nominal: not clear", *step(NOMINAL), RED, "--"),
+        ("nominal: not safe", *step(NOMINAL), RED, "--"),
         (
-            f"admitted: {share:.0%} of the nominal step",
+            f"taken: {share:.0%} of the nominal step",
             *step(share * NOMINAL),
             "#1b7f4b",
             "-",
@@ -161,9 +161,9 @@ COLUMNS = {
         "scaled to the\nrobot's segments",
     ],
     "every control period": [
-        "admission: as nominal,\ncorrected or scaled",
-        "guard: what the\nconstraints leave, $s$",
-        "the paper's law:\nthe nominal step, $s_0$",
+        "safety check: as nominal,\ncorrected or scaled",
+        "projection: what the\nconstraints leave, $s$",
+        "a plan:\nthe nominal step, $s_0$",
         "targets\n$x_d, v_d, a_d$",
     ],
     "every torque tick": [

@@ -37,10 +37,19 @@ class HandAbove:
             self._context, JacobianWrtVariable.kV, *at, world, world
         )[2]
 
+    def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
+        return self._left(q, T * v, self._height) >= 0.0
+
+    def _left(self, q: np.ndarray, x: np.ndarray, height: float) -> float:
+        """What is left above a height on the segment from q by x [m]."""
+        curvature = self._reach * np.abs(x).sum() ** 2
+        way = lambda w: self.height_at(q + w * x)  # noqa: E731
+        return lowest_on_segment(way, curvature, height) - height
+
     def begin(self, state: State) -> None:
         rest = state.q + state.T * state.v
         self._kept = min(self._height, self.height_at(state.q), self.height_at(rest))
-        state.recovering |= self._kept < self._height
+        state.keep_rows |= self._kept < self._height
 
     def rows(self, state: State) -> Rows:
         rest = state.q + state.T * state.v
@@ -50,9 +59,7 @@ class HandAbove:
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
         x = state.segment(s)  # to where it would come to rest
-        curvature = self._reach * np.abs(x).sum() ** 2
-        way = lambda w: self.height_at(state.q + w * x)  # noqa: E731
-        left = lowest_on_segment(way, curvature, self._kept) - self._kept
+        left = self._left(state.q, x, self._kept)
         if left >= 0.0 or not correct:
             return SafetyCheck(left >= 0.0, left)
         g = self._gradient(state.q + x)

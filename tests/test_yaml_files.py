@@ -186,7 +186,7 @@ def test_an_unknown_key_is_told_with_its_level_and_the_keys_there(text, path, hi
         (VALID + "description: 2001-99-99", ["month must be in 1..12"]),
         (VALID + "a: " + 5000 * "[", ["nested too deep"]),
         (VALID + "tasks: &t [*t]", ["tasks[0]"]),
-        (VALID + "controller: !Foo {Kp: 3}", ["controller._tag", "unknown"]),
+        (VALID + "controller: !Foo {margin: 0.01}", ["controller", "Foo"]),
         ("999: dance\n" + VALID, ["line 1", "the key 999 is no name"]),
         (VALID + "true: dance\n", ["the key true is no name"]),
     ],

@@ -188,7 +188,7 @@ def parse(
     )
     parser.add_argument("--constraints", choices=CONSTRAINTS, default="lookahead")
     parser.add_argument(
-        "--no-preview", action="store_true", help="attack the law without a preview"
+        "--paper", action="store_true", help="attack the paper's law, made safe"
     )
     parser.add_argument(
         "--steps",
@@ -207,7 +207,7 @@ def parse(
         argv,
         lambda given: (
             "+".join(given.plants)
-            + " no preview" * given.no_preview
+            + " no preview" * given.paper
             + " motors" * bool(given.motors)
         ),
     )
@@ -238,7 +238,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             options.periods,
             [plant],
             constraints=options.constraints,
-            preview=not options.no_preview,
+            paper=options.paper,
             motors=options.motors,
             steps=options.steps or (QUICK_STEPS if options.quick else default),
             seed=options.seed,

@@ -24,12 +24,20 @@ from benchmarks.adversary.targets import (
     steps,
     waves,
 )
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.control.parameters import (
+    LEVELS,
+    METRICS,
+    LookaheadParameters,
+    PaperGains,
+    PaperParameters,
+    Parameters,
+)
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 
 GAINS = (0.25, 10.0)  # between which the gains are scaled
 POSTURE_GAIN = 50.0  # [1/s^2]
+DRAWS = 20  # of parameters that do not go with the period
 
 
 @dataclass
@@ -48,15 +56,8 @@ class Episode:
     tasks: np.ndarray
     prescribed: np.ndarray
     posture: np.ndarray
-    parameters: CrarParameters
-    switches: dict[int, CrarParameters] = field(default_factory=dict)
-
-    def laws(self, count: int) -> list[CrarParameters]:
-        """The parameters that hold at each of `count` states."""
-        laws = [self.parameters] * count
-        for step in sorted(self.switches):
-            laws[step:] = [self.switches[step]] * len(laws[step:])
-        return laws
+    parameters: Parameters
+    switches: dict[int, Parameters] = field(default_factory=dict)
 
 
 class Stage:
@@ -75,7 +76,7 @@ class Stage:
         self,
         model: ControlModel,
         judge: Judge,
-        parameters: CrarParameters,
+        parameters: Parameters,
         num_steps: int,
         lineage: Sequence[int],
     ) -> None:
@@ -95,11 +96,10 @@ class Stage:
     def begin(self, kind: str) -> None:
         """Starts "fast", "touching", "singular" or "beyond" limits instead."""
         robot = self.model, self.judge, self.rng
-        ahead = self.parameters.lookahead
         if kind == "fast":
-            found = starts.fast(*robot, self.parameters.braking_horizon)
+            found = starts.fast(*robot, self.parameters.T)
         elif kind == "touching":
-            found = starts.touching(*robot, ahead.floor)
+            found = starts.touching(*robot, self.parameters.safety_distance)
         else:
             found = getattr(starts, kind)(*robot)
         self._place_at(*found)
@@ -364,99 +364,107 @@ def switched(stage: Stage) -> Episode:
     rng, p = stage.rng, stage.parameters
     points, turn = stage.jumps() if rng.random() < 0.5 else stage.sines()
     episode = stage.episode(points, turn)
-    T, span = p.braking_horizon, len(stage.time)
+    T, span = p.T, len(stage.time)
     for step in sorted(rng.integers(1, span, int(rng.integers(1, 6))).tolist()):
         T = max(p.period, T * float(rng.choice([1.0, rng.uniform(0.3, 1.0)])))
-        margin = 10.0 ** rng.uniform(-2.7, -1.5)
-        ahead = LookaheadParameters(
-            horizon=T,
-            preview=float(rng.uniform(0.05, 0.3)) if rng.random() < 0.5 else 0.0,
-            rho=10.0 ** rng.uniform(-5.0, -2.0),
-            distance_margin=margin,
-            admission_slack=margin * float(rng.uniform(0.1, 0.9)),
-            limit_margin=10.0 ** rng.uniform(-3.0, -1.0),
-            retreat_rate=10.0 ** rng.uniform(0.0, 2.0),
-            influence_distance=margin + rng.uniform(0.05, 0.5),
-            guard_norm=str(rng.choice(["joints", "tasks"])),
-            approach_rate=rng.choice([None, 0.5 / p.period]),
-        )
-        damping, blend = 10.0 ** rng.uniform(-2.0, -0.5), float(rng.choice([0.0, 0.05]))
-        common = {"lookahead": ahead, "damping": damping, "blend_time": blend}
-        for _ in range(20):
-            episode.switches[step] = replace(_other_gains(rng, p), **common)
-            with suppress(ScenarioError):  # gains that do not go with the period
-                episode.switches[step].validate()
-                break
+        other = _drawn(rng, p, T)
+        blend = float(rng.choice([0.0, 0.05]))
+        episode.switches[step] = replace(other, blend_time=blend)
     return episode
 
 
 def slow(stage: Stage) -> Episode:
     """Control periods from the case's up to T, and gains that bear them; half of the
     laws that would plan do not, and have a longer T."""
-    rng, p = stage.rng, _half_without_plan(stage.rng, stage.parameters)
-    T = p.braking_horizon
+    rng, p = stage.rng, stage.parameters
+    if p.plans and rng.random() < 0.5:
+        p = replace(p, nominal=PaperGains())
+    T = p.T
     share = 1.0 if rng.random() < 0.3 else rng.random()
-    period = round(p.period * (T / p.period) ** share, 3)
+    period = min(round(p.period * (T / p.period) ** share, 3), T)
     softer = min(1.0, 0.015 / period)
-    stage.parameters = replace(
-        p,
-        period=min(period, T),
-        K=p.K * softer,
-        Kp=p.Kp * softer**2,
-        Gv=p.Gv * softer,
-        lookahead=replace(p.lookahead, horizon=T),
-    )
+
+    own = isinstance(p, PaperParameters)
+    if not p.plans:
+        g = p if own else p.nominal
+        g = replace(g, K=g.K * softer, Kp=g.Kp * softer**2, Gv=g.Gv * softer)
+        p = g if own else replace(p, nominal=g)
+    others = {} if own else {"braking_time": T}
+    stage.parameters = replace(p, period=period, **others)
     stage.time = stage.parameters.period * np.arange(len(stage.time))
     points, turn = stage.jumps() if rng.random() < 0.5 else stage.sines(0.3, 4.0)
     return stage.episode(points, turn)
 
 
 def gains(stage: Stage) -> Episode:
-    """Gains times 0.25 to 10, together or each for itself; jumps or sines.
-
-    Half of the laws that would plan do not, for a plan has no use for most gains; the
-    others plan in other ways.
-    """
-    rng, p = stage.rng, _half_without_plan(stage.rng, stage.parameters)
-    if p.plans:
-        ahead = replace(
-            p.lookahead,
-            preview=float(rng.uniform(0.03, 0.3)),
-            smoothness=10.0 ** rng.uniform(-6.0, -3.0),
-            null_space_damping=10.0 ** rng.uniform(-2.5, 0.0),
-            farthest_pull=10.0 ** rng.uniform(-3.0, 0.0),
-        )
-        p = replace(p, lookahead=ahead, GvN=10.0 ** rng.uniform(0.0, 2.0))
-    stage.parameters = _other_gains(rng, p)
+    """All parameters drawn: half of the laws that would plan do so in other ways, the
+    others do not, with gains times 0.25 to 10, together or each for itself."""
+    rng, p = stage.rng, stage.parameters
+    T = max(p.period, 10.0 ** rng.uniform(-3.0, -0.7))
+    stage.parameters = _drawn(rng, p, T if rng.random() < 0.5 else None)
     points, turn = stage.jumps() if rng.random() < 0.5 else stage.sines()
     return stage.episode(points, turn)
 
 
-def _half_without_plan(rng: np.random.Generator, p: CrarParameters) -> CrarParameters:
-    """Half of the laws that would plan do not."""
+def _drawn(rng: np.random.Generator, p: Parameters, T: float | None) -> Parameters:
+    """Other parameters with that T [s], which go with the period."""
+    for _ in range(DRAWS):
+        other = _drawn_once(rng, p, T)
+        with suppress(ScenarioError):
+            other.validate()
+            break
+    return other
+
+
+def _drawn_once(rng: np.random.Generator, p: Parameters, T: float | None) -> Parameters:
+    if isinstance(p, PaperParameters):
+        return _other_gains(rng, p)
     if p.plans and rng.random() < 0.5:
-        p = replace(p, lookahead=replace(p.lookahead, preview=0.0))
-    return p
+        smoothness = 10.0 ** rng.uniform(-6.0, -3.0)
+        if rng.random() < 0.3:
+            smoothness = str(rng.choice(["closest", "balanced", "calm"]))
+        p = replace(p, preview=float(rng.uniform(0.03, 0.3)), smoothness=smoothness)
+    else:
+        p = replace(p, nominal=_other_gains(rng, p.gains))
+    return replace(
+        p,
+        braking_time=T,
+        margin=10.0 ** rng.uniform(-2.9, -1.5),
+        limit_margin=10.0 ** rng.uniform(-3.0, -1.0),
+        velocity_scale=float(rng.choice([1.0, rng.uniform(0.1, 1.0)])),
+        posture_gain=rng.choice([None, 0.0, 10.0 ** rng.uniform(0.0, 3.0)]),
+        effort_limits=bool(rng.random() < 0.5),
+    )
 
 
-def _other_gains(rng: np.random.Generator, p: CrarParameters) -> CrarParameters:
+def _other_gains(rng: np.random.Generator, p: PaperGains) -> PaperGains:
+    """Gains of the paper's, and its other numbers."""
     low, high = np.log(GAINS)
     factor = np.exp(rng.uniform(low, high, 4))
     if rng.random() < 0.5:
         factor[:] = factor[0]
     return replace(
         p,
+        level=str(rng.choice(LEVELS)),
         K=p.K * factor[0],
         Kp=p.Kp * factor[1],
         Kv=p.velocity_gain * factor[2],
         Gv=p.Gv * factor[3],
+        GvN=rng.choice([None, 10.0 ** rng.uniform(0.0, 2.0)]),
+        metric=str(rng.choice(METRICS)),
+        damping=10.0 ** rng.uniform(-2.0, -0.5),
+        rho=10.0 ** rng.uniform(-5.0, 1.0),
+        alpha=10.0 ** rng.uniform(0.5, 2.5),
+        beta=float(rng.uniform(0.5, 4.0)),
+        limit_share=rng.choice([None, rng.random()]),
     )
 
 
 def posture(stage: Stage) -> Episode:
     """A nominal posture that jumps about, within the limits and beyond."""
     rng, model = stage.rng, stage.model
-    stage.parameters = replace(stage.parameters, nominal_posture_gain=POSTURE_GAIN)
+    if isinstance(stage.parameters, LookaheadParameters):
+        stage.parameters = replace(stage.parameters, posture_gain=POSTURE_GAIN)
     times = stage.times(0.05, 0.5)
     lower, upper = np.maximum(model.lower, -np.pi), np.minimum(model.upper, np.pi)
     span = upper - lower
@@ -511,7 +519,7 @@ def make_episode(
     attack: str,
     model: ControlModel,
     judge: Judge,
-    parameters: CrarParameters,
+    parameters: Parameters,
     num_steps: int,
     lineage: Sequence[int],
 ) -> Episode:

@@ -33,7 +33,7 @@ class Case:
         constraints: of the law.
         steps: control steps, at least.
         seed: of all dice.
-        preview: whether the law plans ahead where it does so by default.
+        paper: whether the lookahead's nominal is the paper's law, instead of a plan.
         motors: the share of the motors' limits that a filter may use; 0 for no limits.
     """
 
@@ -44,7 +44,7 @@ class Case:
     constraints: str = "lookahead"
     steps: int = 5000
     seed: int = 0
-    preview: bool = True
+    paper: bool = False
     motors: float = 0.0
 
 

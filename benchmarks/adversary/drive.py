@@ -32,7 +32,8 @@ class Drive:
         slip: largest |acceleration - commanded| over a step of the plant [rad/s^2];
             0 with the exact model.
         per_step: states a control step.
-        T: (K + 1,) the braking time constant of each state, of a filter [s].
+        T: (K + 1,) the braking time constant that each state is claimed to be safe
+            over [s].
     """
 
     q: np.ndarray
@@ -43,7 +44,7 @@ class Drive:
     overloaded: int = 0
     slip: float = 0.0
     per_step: int = 1
-    T: np.ndarray | None = None
+    T: np.ndarray | float = 0.0
 
     @property
     def steps(self) -> int:
@@ -62,7 +63,7 @@ def drive_exact(model: ControlModel, episode: Episode) -> Drive:
     K = len(episode.tasks)
     states = np.empty((K + 1, nq + len(episode.v)))
     states[0, :nq], states[0, nq:] = episode.q, episode.v
-    done = Drive(states[:, :nq], states[:, nq:])
+    done = Drive(states[:, :nq], states[:, nq:], T=np.full(K + 1, law.parameters.T))
     posture = episode.posture.shape[1] > 0
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -81,10 +82,12 @@ def drive_exact(model: ControlModel, episode: Episode) -> Drive:
                 solution = None
             if solution is None or not _sound(solution.position_command, nq):
                 done.q, done.v = states[: k + 1, :nq], states[: k + 1, nq:]
+                done.T = done.T[: k + 1]
                 done.diverged = True
                 break
             states[k + 1] = solution.position_command
-            told = solution.admission
+            told, (T,) = solution.admission, solution.T
+            done.T[k + 1] = T if np.isfinite(T) else law.parameters.T
             if np.isfinite(told[0]):
                 done.admitted[int(told[0])] += 1
                 done.unheld += not told[3]
@@ -158,4 +161,5 @@ def drive_torque(model: ControlModel, episode: Episode) -> Drive:
         diverged,
         slip=float(np.abs(slip).max(initial=0.0)),
         per_step=round(parameters.period / dt),
+        T=parameters.T,
     )

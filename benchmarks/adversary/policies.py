@@ -12,7 +12,8 @@ from benchmarks.adversary import starts
 from benchmarks.adversary.drive import Drive
 from benchmarks.adversary.judge import Judge
 from crar_drake.control.safety_filter import NOMINAL, FilterCommand, SafetyFilter
-from crar_drake.robot.model import ControlModel, Workspace
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import Workspace
 
 # What is given to the filter: its keywords.
 Wish = dict[str, np.ndarray]
@@ -234,14 +235,14 @@ def drive_filter(
         AssertionError: a command that is said to be the wanted one is another.
     """
     rng = np.random.default_rng(seed)
-    model, ahead = filter.model, filter.parameters.lookahead
+    model, parameters = filter.model, filter.parameters
     workspace = model.MakeWorkspace()
     kind = STARTS[rng.integers(len(STARTS))]
     of = (model, judge, rng)
     if kind == "fast":
-        q, v = starts.fast(*of, filter.parameters.braking_horizon)
+        q, v = starts.fast(*of, parameters.T)
     elif kind == "touching":
-        q, v = starts.touching(*of, ahead.floor)
+        q, v = starts.touching(*of, parameters.safety_distance)
     else:
         q, v = getattr(starts, kind)(*of)
     room = Room(filter, judge, q, rng)
@@ -258,7 +259,7 @@ def drive_filter(
             states[:, k + 1] = command.q, command.v
             T.append(report.T)
             # A start may ask for more than motors can.
-            if filter.motors is not None and within:
+            if parameters.effort_limits and within:
                 of = states[:, k : k + 2], command.a
                 done.overloaded += _overloads(model, workspace, *of)
             if report.how == NOMINAL:

@@ -12,7 +12,11 @@ from benchmarks.adversary.drive import Drive, drive_exact, drive_torque
 from benchmarks.adversary.judge import Verdict
 from benchmarks.adversary.policies import drive_filter
 from benchmarks.adversary.robots import Subject, load_subject
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.control.parameters import (
+    LookaheadParameters,
+    PaperGains,
+    with_constraints,
+)
 from crar_drake.errors import ScenarioError
 
 DURATION = 1.0  # of an episode [s], but
@@ -86,7 +90,7 @@ def play_and_judge(
         return done, judge_episode(subject, episode, done, lineage)
     filter, judge = subject.filter(case.period, case.motors)
     done = drive_filter(filter, judge, case.attack, num_steps, lineage[0])
-    floor = filter.parameters.lookahead.floor
+    floor = filter.parameters.safety_distance
     rng = np.random.default_rng([lineage[0], 2])
     verdict = judge.judge(done.q, done.v, done.T, rng, floor=floor)
     return done, verdict
@@ -105,10 +109,9 @@ def play(
     Raises:
         ScenarioError: the law refuses its parameters.
     """
-    parameters = CrarParameters(constraints=case.constraints, period=case.period)
-    if not case.preview:
-        ahead = LookaheadParameters(preview=0.0)
-        parameters = replace(parameters, lookahead=ahead)
+    nominal = PaperGains() if case.paper else None
+    parameters = LookaheadParameters(period=case.period, nominal=nominal)
+    parameters = with_constraints(parameters, case.constraints)
     model = subject.model(task_set)
     episode = make_episode(
         case.attack, model, subject.judge, parameters, num_steps, lineage
@@ -121,14 +124,13 @@ def judge_episode(
     subject: Subject, episode: Episode, done: Drive, lineage: list[int]
 ) -> Verdict:
     """What the independent judge says of it."""
-    laws = episode.laws(len(done.q))
-    horizon = np.array([law.braking_horizon for law in laws])
-    floor = min(law.lookahead.floor for law in laws)
+    laws = episode.parameters, *episode.switches.values()
+    floor = min(law.safety_distance for law in laws)
     if done.per_step > 1:  # a plant under torque is not the one of the theorem
         floor = 0.0
     rng = np.random.default_rng([lineage[0], 2])
     return subject.judge.judge(
-        done.q, done.v, horizon, rng, per_step=done.per_step, floor=floor
+        done.q, done.v, done.T, rng, per_step=done.per_step, floor=floor
     )
 
 
@@ -162,14 +164,8 @@ def _add(result: Result, verdict: Verdict, done: Drive) -> None:
     result.diverged += done.diverged
     result.violated += verdict.unsafe
     for name in (
-        "states",
-        "penetrating",
-        "below",
-        "beyond_limit",
-        "too_fast",
-        "ahead",
-        "paths",
-        "blocked",
+        *("states", "penetrating", "below", "beyond_limit", "too_fast", "ahead"),
+        *("paths", "blocked"),
     ):
         setattr(result, name, getattr(result, name) + getattr(verdict, name))
     if verdict.clearance < result.clearance:

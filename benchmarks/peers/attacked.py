@@ -38,7 +38,7 @@ from benchmarks.peers.problem import ROBOT, SAMPLE, describe, write_problem
 from crar_drake import (
     EXPERIMENTS,
     ControlModel,
-    CrarParameters,
+    LookaheadParameters,
     load_robot_description,
     position_tasks,
 )
@@ -164,7 +164,7 @@ def write_attacks(
                 attack,
                 witness.model,
                 witness.judge,
-                CrarParameters(period=SAMPLE),
+                LookaheadParameters(period=SAMPLE),
                 steps,
                 [seed],
             )

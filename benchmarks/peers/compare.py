@@ -26,8 +26,8 @@ from benchmarks.page import ROOT, Benchmark, run
 from benchmarks.peers.judge import Figures, Judge
 from benchmarks.peers.peers import (
     ENVIRONMENTS,
-    NO_PREVIEW,
     OURS,
+    PAPER,
     PEERS,
     PYTHONS,
     Peer,
@@ -134,7 +134,7 @@ def environment(folder: Path, name: str, requirements: tuple[str, ...]) -> str:
 
 
 def entries(chosen: list[Peer]) -> list[Entry]:
-    """Peers as tuned for each case; ours with one setting for all, and as it comes.
+    """Peers as tuned for each case; ours as it comes, and of the paper's law.
 
     Raises:
         PeerError: there are no settings for a peer.
@@ -142,32 +142,31 @@ def entries(chosen: list[Peer]) -> list[Entry]:
     settings = load_settings()
     made = []
     for peer in chosen:
+        if peer is OURS:
+            made += own_entries(list(CASES))
+            continue
         tuned = settings.get(peer.name)
         if tuned is None:
             raise PeerError(f"settings.json has no {peer.name!r}: run with --tune")
-        if peer is not OURS:
-            chosen_settings = {case: one["settings"] for case, one in tuned.items()}
-            made.append(Entry(peer.name, peer, chosen_settings))
-            continue
-        for name, one in (
-            ("default", {}),
-            ("no preview", NO_PREVIEW),
-            ("no preview, tuned", tuned["crossing"]["settings"]),
-        ):
-            made.append(Entry(f"lookahead, {name}", peer, dict.fromkeys(CASES, one)))
+        chosen_settings = {case: one["settings"] for case, one in tuned.items()}
+        made.append(Entry(peer.name, peer, chosen_settings))
     return made
+
+
+def own_entries(cases: Sequence[str], **more: dict) -> list[Entry]:
+    """Ours with the same settings for all cases; `more` by the name."""
+    each = {"lookahead, default": {}, "the paper's law, made safe": PAPER} | more
+    return [Entry(name, OURS, dict.fromkeys(cases, one)) for name, one in each.items()]
 
 
 def tune(
     chosen: list[Peer], pythons: dict[str, str], folder: Path, out: Path, judge: Judge
 ) -> None:
-    """Tries every grid and saves the best settings: of a peer for each case; of ours
-    for the crossing, with less rms acceleration than any peer as taken."""
+    """Tries every peer's grid, and saves the best settings for each case."""
     settings = load_settings()
-    for peer in chosen:
-        cases = ["crossing"] if peer is OURS else list(CASES)
+    for peer in (peer for peer in chosen if peer is not OURS):
         settings[peer.name] = {}
-        for case in cases:
+        for case in CASES:
             jobs = [
                 job(case, grid, out / f"{i}.npz") for i, grid in enumerate(peer.grid)
             ]
@@ -176,12 +175,7 @@ def tune(
                 judge.figures(dict(np.load(one["out"])))
                 for one in track(jobs, f"{peer.name}, {case}")
             ]
-            settings[peer.name][case] = choose(
-                peer.grid,
-                judged,
-                case,
-                calmest(settings, case) if peer is OURS else None,
-            )
+            settings[peer.name][case] = choose(peer.grid, judged, case)
             write_whole(
                 out / f"{peer.name}, {case}.json",
                 json.dumps(
@@ -193,18 +187,6 @@ def tune(
                 ),
             )
         save_settings(settings)
-
-
-def calmest(settings: dict[str, dict[str, dict]], case: str) -> float | None:
-    """The least rms acceleration [rad/s^2] that a peer has with its settings."""
-    return min(
-        (
-            settings[peer.name][case]["taken"]["acceleration"]
-            for peer in PEERS
-            if peer.name in settings
-        ),
-        default=None,
-    )
 
 
 def run_all(

@@ -6,11 +6,10 @@
 The motions are `motions.random_crossings` of the shipped upper body, or of another
 robot of `problem.ROBOTS`. The peers keep the settings that `compare --tune` chose for
 hands of the upper body swung through each other; of ours there is the default, as it
-comes, and with a margin of which 5 mm are left for certain, and the law without a
-preview: as it comes, with higher gains, with the settings of the comparison, and with
-some that are calm. Most of the preview's numbers were chosen at once on such motions of
-three robots (seeds 0 to 35 of the arm, 0 to 11 and 36 to 59 of the upper body, 0 to 23
-of the G1), and on recordings of people.
+comes, and with a margin of which 5 mm are left for certain, and the paper's law, made
+safe. Most of the plan's numbers were chosen at once on such motions of three robots
+(seeds 0 to 35 of the arm, 0 to 11 and 36 to 59 of the upper body, 0 to 23 of the G1),
+and on recordings of people.
 """
 
 import json
@@ -27,32 +26,18 @@ from benchmarks.peers.compare import (
     add_only,
     add_peer_options,
     only,
+    own_entries,
     recorded,
 )
 from benchmarks.peers.judge import Figures, Judge
-from benchmarks.peers.peers import NO_PREVIEW, OURS, PEERS
+from benchmarks.peers.peers import PEERS
 from benchmarks.peers.problem import ROBOT, ROBOTS, write_crossings, write_problem
 from benchmarks.peers.tuning import load_settings
 from crar_drake.commands.options import count
 
 TUNED_FOR = "crossing"
-HIGHER_GAINS = {"Gv": 60.0, "K": 60.0, "Kp": 900.0} | NO_PREVIEW
-# Calmer than every peer, with bounds instead of weights.
-CALM = {
-    "Gv": 50.0,
-    "K": 50.0,
-    "Kp": 900.0,
-    "damping": 0.01,
-    "lookahead": {
-        "horizon": 0.02,
-        "approach_rate": 50.0,
-        "guard_norm": "tasks",
-        "guard_damping": 0.3,
-        "preview": 0.0,
-    },
-}
 # The default, of whose margin the slack of a step leaves 5 mm.
-FARTHER = {"lookahead": {"distance_margin": 0.006}}
+FARTHER = {"margin": 0.006}
 # Targets begin to move at 0.5 s and go on until 6 s: errors are told for each [s].
 PARTS = ((0.5, 2.0), (2.0, 4.0), (4.0, 6.0))
 HEADER = (
@@ -85,8 +70,6 @@ def main(argv: Sequence[str] | None = None) -> None:
             + (", some" if given.only else "")
         ),
     )
-    if arguments.first < 0:
-        parser.error(f"--first {arguments.first}: must not be negative")
     folder = arguments.out.resolve() / "problem"
     first = arguments.first
     write_problem(folder, arguments.robot)
@@ -95,12 +78,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     judge = Judge(data["robot"], data["joints"], data["tasks"])
     figures, in_parts = {}, {}
     each = dict.fromkeys(cases, PERIOD)
-    compared = [
-        *entries(cases),
-        Entry("lookahead, calm", OURS, dict.fromkeys(cases, CALM)),
-        Entry("lookahead, default, 5 mm", OURS, dict.fromkeys(cases, FARTHER)),
-    ]
-    compared = only(compared, arguments, benchmark)
+    farther = {"lookahead, default, 5 mm": FARTHER}
+    compared = only(entries(cases, **farther), arguments, benchmark)
     for entry, found in recorded(compared, each, arguments, folder):
         figures[entry.name] = [judge.figures(found[case]) for case in cases]
         in_parts[entry.name] = [
@@ -142,20 +121,12 @@ def of_the_best(each: Sequence[Figures], best: Sequence[float]) -> str:
     return f"{np.nanmedian(ratios):.2f}"
 
 
-def entries(cases: Sequence[str]) -> list[Entry]:
-    """Every controller, with the same settings for all cases."""
+def entries(cases: Sequence[str], **more: dict) -> list[Entry]:
+    """Every controller, with the same settings for all cases; `more` of ours."""
     settings = load_settings()
-    chosen = [
-        (peer.name, peer, settings[peer.name][TUNED_FOR]["settings"]) for peer in PEERS
-    ]
-    ours = settings[OURS.name][TUNED_FOR]["settings"]
-    chosen += [
-        ("lookahead, default", OURS, {}),
-        ("lookahead, no preview", OURS, NO_PREVIEW),
-        ("lookahead, higher gains", OURS, HIGHER_GAINS),
-        ("lookahead, tuned", OURS, ours),
-    ]
-    return [Entry(name, peer, dict.fromkeys(cases, one)) for name, peer, one in chosen]
+    chosen = [(peer, settings[peer.name][TUNED_FOR]["settings"]) for peer in PEERS]
+    peers = [Entry(peer.name, peer, dict.fromkeys(cases, one)) for peer, one in chosen]
+    return peers + own_entries(cases, **more)
 
 
 def best_errors(figures: dict[str, list[Figures]]) -> list[float]:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from benchmarks.peers.driver import Guard, Problem, Spheres, main
 from benchmarks.peers.problem import describe
-from crar_drake import load_robot_description
+from crar_drake import SafetyParameters, load_robot_description
 from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
+from crar_drake.control.safety_filter import SafetyFilter
 
 
 class CrarGuard(Guard):
-    """Settings: fields of `LookaheadParameters`."""
+    """Settings: fields of `SafetyParameters`."""
 
     packages = ("crar-drake", "drake", "numpy", "numba")
 
@@ -22,7 +20,7 @@ class CrarGuard(Guard):
         self.filter = SafetyFilter(
             describe(problem.folder, load_robot_description(problem.robot)),
             period,
-            replace(filter_parameters(period), **settings),
+            SafetyParameters(**settings),
         )
         assert list(self.filter.joint_names) == problem.joints
         self.filter.compile(obstacles=True)

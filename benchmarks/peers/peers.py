@@ -228,42 +228,6 @@ PEERS = (
 )
 
 
-def lookahead(**choices: tuple) -> tuple[dict, ...]:
-    """Settings of crar_drake; names in LOOKAHEAD go to `LookaheadParameters`."""
-    made = []
-    for settings in every(**choices):
-        inner = {k: v for k, v in settings.items() if k in LOOKAHEAD}
-        outer = {k: v for k, v in settings.items() if k not in LOOKAHEAD}
-        made.append(outer | {"lookahead": inner})
-    return tuple(made)
-
-
-# Of its settings: the law as a feedback of the present error, as it was tuned.
-NO_PREVIEW = {"lookahead": {"preview": 0.0}}
-
-LOOKAHEAD = (
-    "horizon",
-    "approach_rate",
-    "guard_norm",
-    "guard_damping",
-    "distance_margin",
-    "preview",
-)
-
-OURS = Peer(
-    "lookahead",
-    "run_crar",
-    "",
-    lookahead(
-        Gv=(60.0, 90.0),
-        K=(60.0,),
-        Kp=(900.0,),
-        damping=(0.01, 0.02),
-        horizon=(0.02, 0.03),
-        approach_rate=(50.0, 70.0, 100.0),
-        guard_norm=("tasks",),
-        guard_damping=(0.05, 0.1, 0.2),
-        distance_margin=(MARGIN,),
-        preview=(0.0,),
-    ),
-)
+# Ours, and its settings beside the default: the lookahead of the paper's law.
+OURS = Peer("lookahead", "run_crar", "", ({},))
+PAPER = {"nominal": {}}

@@ -61,11 +61,10 @@ NOTES = {
     "OSCBF, accelerations": "the same with barriers of second order, as for torques",
     "embodik": "prioritised velocities in C++, called from Python once a step; all "
     "points in the first priority",
-    "lookahead, default": "what `CrarParameters()` has: accelerations are planned "
+    "lookahead, default": "what `LookaheadParameters()` has: accelerations are planned "
     "0.1 s ahead",
-    "lookahead, no preview": "a feedback of the present error, its gains the paper's",
-    "lookahead, no preview, tuned": "the same with higher gains, and with pairs as "
-    "bounds instead of weights",
+    "the paper's law, made safe": "a feedback of the present error, its gains the "
+    "paper's",
     "Drake, differential IK": "`DifferentialInverseKinematicsSystem` with "
     "`CollisionConstraint` and `JointVelocityLimitConstraint`, its port evaluated from "
     "Python once a step",

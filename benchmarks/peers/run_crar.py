@@ -9,34 +9,32 @@ from benchmarks.peers.problem import describe
 from crar_drake import (
     ControlLaw,
     ControlModel,
-    CrarParameters,
     LookaheadParameters,
+    PaperGains,
     load_robot_description,
     position_tasks,
 )
 
 
 class Crar(Controller):
-    """Settings: fields of `CrarParameters`, with those of `LookaheadParameters`
-    under "lookahead"."""
+    """Settings: fields of `LookaheadParameters`; `nominal` holds those of
+    `PaperGains`."""
 
     packages = ("crar-drake", "drake", "numpy", "scipy", "numba")
     commands = "acceleration"
 
     def __init__(self, problem: Problem, period: float, settings: dict) -> None:
-        settings = dict(settings)
-        lookahead = LookaheadParameters(**settings.pop("lookahead", {}))
+        # No controller of the comparison knows of efforts.
+        settings = {"effort_limits": False} | settings
+        if "nominal" in settings:
+            settings["nominal"] = PaperGains(**settings["nominal"])
         description = describe(problem.folder, load_robot_description(problem.robot))
         # What the law predicts is what the loop does.
         model = ControlModel.FromDescription(
             description, position_tasks(problem.links), time_step=period
         )
         assert list(model.joint_names) == problem.joints
-        # No controller of the comparison knows of efforts.
-        settings = {"respect_effort_limits": False} | settings
-        self.law = ControlLaw(
-            model, CrarParameters(period=period, lookahead=lookahead, **settings)
-        )
+        self.law = ControlLaw(model, LookaheadParameters(period=period, **settings))
 
     def reset(self, q: np.ndarray) -> None:
         self.law.reset()

@@ -38,7 +38,8 @@ from benchmarks.peers.peers import ENVIRONMENTS, MARGIN, Peer, every
 from benchmarks.peers.problem import describe, write_problem
 from crar_drake import load_robot_description
 from crar_drake.commands.options import count
-from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
+from crar_drake.control.parameters import SafetyParameters
+from crar_drake.control.safety_filter import SafetyFilter
 from crar_drake.files import whole_file, write_whole
 from crar_drake.judging.obstacle_judge import ObstacleJudge
 from crar_drake.judging.referee import Referee
@@ -54,7 +55,7 @@ FASTEST = 2.0  # that is wanted of a joint [rad/s]
 LIMIT = 5.0  # of every joint's speed [rad/s]
 CLEAR = 0.15  # [m] from the robot at the start
 REACHED = 0.05  # [m] of a hand from where it was asked to be
-HARMLESS = filter_parameters(PERIOD).contact_speed  # [m/s]
+HARMLESS = SafetyParameters().contact_speed  # [m/s]
 HANDS = ("left_wrist", "right_wrist")
 SETTINGS = Path(__file__).parent / "scene_settings.json"
 TUNED_ON = 1000  # the first seed of the scenes that settings are chosen on
@@ -95,13 +96,13 @@ GUARDS = (
         "safety filter",
         "guard_crar",
         "",
-        every(horizon=(0.04, 0.0833, 0.15), approach_rate=(20.0, 50.0)),
+        every(braking_time=(0.04, 0.0833, 0.15)),
     ),
     Peer(
         "safety filter, evading",
         "guard_crar",
         "",
-        every(horizon=(0.04,), approach_rate=(20.0,), evade=(True,)),
+        every(braking_time=(0.04,), evade=(True,)),
     ),
     Peer("OSCBF, spheres' speeds told", "guard_oscbf", "oscbf", _barriers(True)),
     Peer("OSCBF, as if they stood", "guard_oscbf", "oscbf", _barriers(False)),

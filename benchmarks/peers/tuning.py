@@ -20,25 +20,14 @@ def holds(figures: Figures, case: str) -> bool:
     return kept and figures.clear_at <= LEAVES_BY
 
 
-def best(
-    candidates: Sequence[Figures], case: str, calmer_than: float | None = None
-) -> int:
+def best(candidates: Sequence[Figures], case: str) -> int:
     """The number of the best candidate.
 
     Among those that hold it is the one with the least error; of those within 3 % of
-    that, the one with the least rms acceleration. Where `calmer_than` [rad/s^2] is
-    given: the least error of those whose rms acceleration is below it, if there are
-    any. Where none holds: the fewest samples in violation, then the fewest steps
-    without an answer.
+    that, the one with the least rms acceleration. Where none holds: the fewest samples
+    in violation, then the fewest steps without an answer.
     """
     holding = [i for i, figures in enumerate(candidates) if holds(figures, case)]
-    calm = [
-        i
-        for i in holding
-        if calmer_than is not None and candidates[i].rms_acceleration < calmer_than
-    ]
-    if calm:
-        return min(calm, key=lambda i: candidates[i].error)
     if not holding:
         return min(range(len(candidates)), key=lambda i: _wrongs(candidates[i]))
     least = min(candidates[i].error for i in holding)
@@ -47,10 +36,7 @@ def best(
 
 
 def choose(
-    grid: Sequence[dict],
-    judged: Sequence[Figures],
-    case: str,
-    calmer_than: float | None = None,
+    grid: Sequence[dict], judged: Sequence[Figures], case: str
 ) -> dict[str, dict | float | int | None]:
     """What `settings.json` keeps of a grid: the best settings, how many were tried and
     held, and the least error [m] and least rms acceleration [rad/s^2] of those that
@@ -64,7 +50,7 @@ def choose(
             return None
         return {"error": figures.error, "acceleration": figures.rms_acceleration}
 
-    taken = best(judged, case, calmer_than)
+    taken = best(judged, case)
     return {
         "settings": grid[taken],
         "taken": pair(judged[taken]),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.robots.catalogue import Subject
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.errors import CrarError, ModelError
 from crar_drake.files import write_whole
 from crar_drake.judging.mesh_judge import MeshJudge
@@ -161,9 +161,7 @@ def _scenario(
     frames = description.task_frames
     scenario = Scenario(
         robot=str(robot),
-        controller=CrarParameters(
-            period=_PERIOD, damping=0.02, respect_effort_limits=False
-        ),
+        controller=LookaheadParameters(period=_PERIOD, effort_limits=False),
     )
     if set(EXPERIMENTS[SEVEN]) <= set(frames):
         scenario.experiment = SEVEN

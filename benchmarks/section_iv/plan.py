@@ -7,7 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from benchmarks.sweep.figures import clip_label
-from crar_drake.control.parameters import LEVELS, CrarParameters
+from crar_drake.control.parameters import (
+    LEVELS,
+    LookaheadParameters,
+    PaperParameters,
+    Parameters,
+)
 from crar_drake.errors import CrarError
 from crar_drake.motion.catalogue import load_clip
 from crar_drake.robot.task import EXPERIMENTS
@@ -24,14 +29,14 @@ assert set(EXPERIMENTS) == {EXPERIMENT_1, EXPERIMENT_2}
 # Degrees of redundancy in Experiment 1: n = 11 joints for m = 6 rows.
 REDUNDANCY = 5
 
-PAPER = CrarParameters(level="acceleration", constraints="paper")
+PAPER = PaperParameters()
 RAW = replace(PAPER, constraints="none")
 
 # The columns of Figs. 4 to 7: the paper's two levels, and what this project adds.
 SERIES = {
     "velocity": replace(PAPER, level="velocity"),
     "acceleration": PAPER,
-    "lookahead": CrarParameters(constraints="lookahead"),
+    "lookahead": LookaheadParameters(),
 }
 
 # The improvements that the paper names, of the acceleration level in Experiment 1.
@@ -136,7 +141,7 @@ def make_plan(
         durations = {motion: min(duration, d) for motion, d in durations.items()}
 
     def simulation(
-        motion: str, experiment: str, series: str, gains: CrarParameters, **keep: bool
+        motion: str, experiment: str, series: str, gains: Parameters, **keep: bool
     ) -> Simulation:
         scenario = Scenario(
             motion=motion,

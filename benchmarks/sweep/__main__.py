@@ -15,6 +15,7 @@ from benchmarks.sweep.cases import (
     Case,
     find_motions,
     make_cases,
+    parameters_of,
     read_results,
     run_sweep,
     settings_path,
@@ -146,12 +147,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _check_settings(scenario: Scenario, cases: Iterable[Case]) -> None:
     """A wrong setting is reported before hours of simulation, not by every case."""
-    for constraints, level, period in {
-        (case.constraints, case.level, case.period) for case in cases
-    }:
-        controller = replace(
-            scenario.controller, constraints=constraints, level=level, period=period
-        )
+    for case in {replace(case, motion="", experiment="") for case in cases}:
+        controller = parameters_of(case, scenario.controller)
         replace(scenario, controller=controller).validate()
 
 

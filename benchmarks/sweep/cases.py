@@ -16,6 +16,11 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from crar_drake.control.parameters import (
+    PaperParameters,
+    Parameters,
+    with_constraints,
+)
 from crar_drake.errors import CrarError, WriteError, nearest
 from crar_drake.files import sole_writer, write_whole
 from crar_drake.fresh_processes import given_or_fresh
@@ -339,22 +344,25 @@ def _default_scenario() -> Scenario:
 
 
 def _scenario_of(case: Case, base: Scenario) -> Scenario:
-    controller = replace(
-        base.controller,
-        constraints=case.constraints,
-        level=case.level,
-        period=case.period,
-    )
     return replace(
         base,
         motion=case.motion,
         experiment=case.experiment,
         tasks=[],
         keyframes={},
-        controller=controller,
+        controller=parameters_of(case, base.controller),
         # Every step of the plant is judged, not only those of the controller.
         log_period=base.log_period or base.plant_config.time_step,
     )
+
+
+def parameters_of(case: Case, base: Parameters) -> Parameters:
+    """The controller's parameters of a case; another law's but for what it says are
+    the defaults."""
+    found = replace(with_constraints(base, case.constraints), period=case.period)
+    if isinstance(found, PaperParameters):
+        return replace(found, level=case.level)
+    return found
 
 
 def _line(result: Result | None) -> str:
@@ -410,12 +418,10 @@ def settings_path(out: Path) -> Path:
 
 def _common_settings(scenario: Scenario) -> Scenario:
     """The scenario, with the same value in all that a case puts its own in."""
-    controller = replace(
-        scenario.controller,
-        constraints="paper",
-        level="acceleration",
-        period=scenario.plant_config.time_step or scenario.controller.period,
-    )
+    period = scenario.plant_config.time_step or scenario.controller.period
+    controller = replace(scenario.controller, period=period)
+    if isinstance(controller, PaperParameters):
+        controller = replace(controller, constraints="paper", level="acceleration")
     return replace(
         scenario,
         description="",

@@ -143,7 +143,7 @@ def experiment_order(experiment: str) -> tuple:
 def _reading_order(r: Result) -> tuple:
     return (
         experiment_order(r.experiment),
-        CONSTRAINTS.index(r.constraints),
+        list(CONSTRAINTS).index(r.constraints),
         -LEVELS.index(r.level),
         r.period,
         clip_order(r.motion),

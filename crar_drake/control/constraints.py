@@ -5,7 +5,7 @@ obstacles that move and the ground, by the model and the parameters.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -153,17 +153,18 @@ class RobotConstraints:
         nominal: Callable[[float], np.ndarray],
         prescribed_acceleration: np.ndarray | None = None,
         keep_rows: bool = False,
+        along: bool = False,
     ) -> State:
         """The state of a step, with the T that is best for it.
 
         Args:
             q, v: (nv,), (nv,) positions and velocities, controlled joints first.
             before: of the step before, if the robot did as it was told.
-            nominal, prescribed_acceleration, keep_rows: of `State`.
+            nominal, prescribed_acceleration, keep_rows, along: of `State`.
         """
         state = State(
             *(q, v, self.model.n, before.T or self.T, self.period, self.plant_step),
-            *(nominal, before.known, prescribed_acceleration, keep_rows),
+            *(nominal, before.known, prescribed_acceleration, keep_rows, along),
         )
         self._choose(state, before)
         return state
@@ -171,37 +172,42 @@ class RobotConstraints:
     def _choose(self, state: State, before: Braking) -> None:
         """Gives the state T: that of the step before, or the next that will do.
 
-        T grows only onto a braking path that is collision-free and within the limits.
-        Among obstacles and on the ground it is fixed.
+        T grows only onto a braking path that every constraint finds safe. On the ground
+        it is fixed, and among obstacles, but where it has yet to come there.
         """
-        if before.regions is not None or self.ground is not None:
-            state.take_T(self.T, state.known and before.T == self.T)
-            return
-        if self.motors is None and before.T >= self.T:
-            return
-
-        def is_clear(T: float) -> bool:
-            end = state.q[: state.n] + T * state.v[: state.n]
-            inside = (self.limits.lower <= end) & (end <= self.limits.upper)
-            return bool(inside.all()) and self.pairs.is_clear(state.q, state.v, T)
-
         T, known = before.T, state.known
-        if not T:  # nothing is known
-            if is_clear(self.T):
-                T, known = self.T, True
+        if self.ground is not None or (T == self.T and before.regions is not None):
+            state.take_T(self.T, known and T == self.T)
+            return
+        if self.motors is None and T >= self.T:
+            return
+
+        def is_safe(longer: float) -> bool:
+            at = state.q, state.v, longer
+            return self.limits.is_safe(*at, before.T) and all(
+                each.is_safe(*at) for each in self.all if each is not self.limits
+            )
+
+        if not T and is_safe(self.T):  # nothing was known
+            T, known = self.T, True
         for longer in self._choices:
             if T < longer <= self.T:
-                if not is_clear(longer):
+                if not is_safe(longer):
                     break
                 T, known = longer, True
         state.take_T(T or self.T, known)
         if self.motors is None or len(self._choices) == 1:
             return
-        T = state.T
+        T, among = state.T, before.regions is not None
         choices = [x for x in self._choices if x >= min(T, self.T)]
+        if among and T > self.T:
+            # To where it stays among obstacles, as soon as the motors can.
+            choices = [self.T]
+        elif among:
+            choices = [x for x in choices if x <= self.T]
         chosen = self.motors.braking_time_constant(
             *(state, (state.whole(state.nominal) - state.v) / T),
-            *(sorted({T, *choices}), is_clear),
+            *(sorted({T, *choices}), is_safe),
         )
         if chosen != T:
             state.take_T(chosen, known or chosen > T)
@@ -216,10 +222,12 @@ class RobotConstraints:
         if regions is None:
             found = step(state, self.all)
             return found, Braking(state.T, self.pairs.present_is_clear)
+        if state.T != self.T:  # over which alone anything is shown of obstacles
+            regions = replace(regions, clear=np.zeros_like(regions.clear))
         spheres = self.among.place(regions)
         found = step(state, [*self.all, spheres])
-        clear = spheres.clear_after(found.how == SCALED and found.share == 0.0)
-        later = regions.later(self.period, clear)
+        unknown = state.T != self.T or (found.how == SCALED and found.share == 0.0)
+        later = regions.later(self.period, spheres.clear_after(unknown))
         return found, Braking(state.T, self.pairs.present_is_clear, later)
 
     def clearance(self, found: Step) -> float:

@@ -472,9 +472,8 @@ class ControlLaw:
 
         braking, state = before, None
         if self._safe:
-            prescribed = asked[n:]
             state = self._constraints.state(
-                at, rate, before, s_0, prescribed, keep_rows=True
+                *(at, rate, before, s_0, asked[n:]), keep_rows=True, along=not going_on
             )
             found, braking = self._constraints.step(state, before.regions)
             how = self._reported(found, state, before)

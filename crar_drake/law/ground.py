@@ -100,6 +100,10 @@ class Ground:
                 f"of {1e3 * margin:g} mm; change the posture, or the margin"
             )
 
+    def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
+        """On soles T never changes."""
+        return T == self._T
+
     def begin(self, state: State) -> None:
         model = self._model
         self._q, self._v = model.in_plant(state.q, state.v)

@@ -62,6 +62,18 @@ class Limits:
         within."""
         return np.maximum(self.lower - q, q - self.upper)
 
+    def is_safe(
+        self, q: np.ndarray, v: np.ndarray, T: float, known: float = 0.0
+    ) -> bool:
+        """Whether joints come to rest within their limits, braking over T [s]; one that
+        is beyond a limit, or comes to rest there over a T that is known, no farther."""
+        n = len(self.lower)
+        here, end = q[:n], q[:n] + T * v[:n]
+        rest = here + known * v[:n]
+        lower = np.minimum(self.lower, np.minimum(here, rest))
+        upper = np.maximum(self.upper, np.maximum(here, rest))
+        return is_within(end, lower - _AT_LIMIT, upper + _AT_LIMIT)
+
     def begin(self, state: State) -> None:
         n = state.n
         state.lowest, state.highest = velocity_bounds(

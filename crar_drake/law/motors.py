@@ -133,8 +133,8 @@ class Motors:
         q, v = state.q, state.v
         self._measure(q, v)
         given = self._A, self._b, self._aimed
-        uses = braking_use(*given, v, vdot, state.n, np.array(choices), state.period)
-        times_ = state.n, state.period, state.plant_step, self._efforts
+        uses = braking_use(*given, v, vdot, np.array(choices), state.period)
+        times_ = state.period, state.plant_step, self._efforts
         chosen = state.T
         for T, (now, then) in zip(choices, uses.tolist(), strict=True):
             if T > state.T and not is_clear(T):
@@ -148,6 +148,10 @@ class Motors:
             if can and enough and (calm or can_brake(q, v, vdot, 1.0, T, *times_)):
                 break
         return chosen
+
+    def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
+        """That T is theirs to choose, see `braking_time_constant`."""
+        return True
 
     def begin(self, state: State) -> None:
         self._measure(state.q, state.v)
@@ -163,8 +167,8 @@ class Motors:
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
         safe, left, worst, g, least = check_motors(
-            *(state.q, state.v, s, self._A, self._b, state.n, state.T, state.period),
-            *(state.plant_step, correct, self._efforts),
+            *(state.q, state.v, s, self._A, self._b, state.n, state.T),
+            *(state.period, state.plant_step, correct, self._efforts),
         )
         rows = hard_rows(g, least) if correct and not safe else None
         return SafetyCheck(safe, left, rows, index=worst)
@@ -213,42 +217,28 @@ def after(q, v, vdot, t, plant_step):
 def braking_torques(
     q: np.ndarray,
     v: np.ndarray,
-    vdot: np.ndarray,
-    n: int,
     T: float,
     period: float,
     plant_step: float,
     efforts: Efforts,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) torques of braking over T [s] from a state (nv,), (nv,): signed, the largest
-    on the way; (M,) the share w of the speed there.
-
-    Args:
-        vdot: (nv,) of which the joints from n on go on by theirs.
-    """
+    """(M,) torques of braking of all joints over T [s] from a state (nv,), (nv,):
+    signed, the largest on the way; (M,) the share w of the speed there."""
     kappa, slower = 1.0 - 0.5 * (period + plant_step) / T, 1.0 - period / T
     M = len(efforts.limits)
     signed, at = np.zeros(M), np.ones(M)
-    there, rate, braking = q.copy(), v.copy(), vdot.copy()
-    farthest = 0.0
-    for i in range(n):
-        farthest = max(farthest, T * abs(v[i]))
-    parts = _PARTS
+    farthest, parts = T * np.abs(v).max(), _PARTS
     if farthest < _PARTS * _APART:
         parts = min(1 + int(farthest / _APART), _PARTS)
     for k in range(parts + 1):
         w = 1.0 - k / parts
-        for i in range(n):
-            braking[i] = (-w / T) * v[i]
         # Each acceleration is held for a period, in which the speed falls.
         for end in range(2):
             left = w * slower if end else w
             if end and w == 0.0:
                 break
-            for i in range(n):
-                there[i] = q[i] + (kappa * T * (1.0 - left)) * v[i]
-                rate[i] = left * v[i]
-            tau = torques(there, rate, braking, efforts)
+            there = q + (kappa * T * (1.0 - left)) * v
+            tau = torques(there, left * v, (-w / T) * v, efforts)
             for m in range(M):
                 if not abs(tau[m]) <= abs(signed[m]):  # a NaN stays
                     signed[m], at[m] = tau[m], w
@@ -262,7 +252,6 @@ def can_brake(
     vdot: np.ndarray,
     share: float,
     T: float,
-    n: int,
     period: float,
     plant_step: float,
     efforts: Held,
@@ -272,7 +261,7 @@ def can_brake(
     of = efforts.value
     if share > 0.0:
         q, v = after(q, v, vdot, share * period, plant_step)
-    signed, _ = braking_torques(q, v, vdot, n, T, period, plant_step, of)
+    signed, _ = braking_torques(q, v, T, period, plant_step, of)
     return (np.abs(signed) <= _OF_PATH * of.limits).all()
 
 
@@ -296,6 +285,7 @@ def check_motors(
     Args:
         q, v, s: (nv,), (nv,), (nv,) state and step, controlled joints first.
         A, b: of `affine_torques`.
+        n: how many joints are controlled.
         correct: whether rows are asked for.
 
     Returns:
@@ -304,16 +294,13 @@ def check_motors(
         from which braking takes less.
     """
     of = efforts.value
-    L, M, nv = of.limits, len(of.limits), len(v)
+    L, M = of.limits, len(of.limits)
     vdot, nothing = (s - v) / T, (np.zeros((0, n)), np.zeros(0))
     there, rate = after(q, v, vdot, period, plant_step)
     now = times(A, vdot) + b
     use = (np.abs(now) / L).max()
     if use <= _CALM:
-        braking = vdot.copy()
-        for i in range(n):
-            braking[i] = -rate[i] / T
-        use = max(use, (np.abs(times(A, braking) + b) / L).max())
+        use = max(use, (np.abs(times(A, -rate / T) + b) / L).max())
     if use <= _CALM:
         return True, 1.0 - use, -1, *nothing
     tau = np.abs(now)
@@ -323,12 +310,12 @@ def check_motors(
     over = tau - _HELD * L
     signed, at = np.zeros(M), np.ones(M)
     if correct or (over <= 0.0).all():
-        signed, at = braking_torques(there, rate, vdot, n, T, period, plant_step, of)
+        signed, at = braking_torques(there, rate, T, period, plant_step, of)
     then = np.abs(signed)
     beyond = then - _OF_PATH * L
     if not (beyond <= 0.0).all():
         # Where the present braking path needs more, that is allowed.
-        needed, _ = braking_torques(q, v, np.zeros(nv), n, T, period, plant_step, of)
+        needed, _ = braking_torques(q, v, T, period, plant_step, of)
         beyond = then - np.maximum(_OF_PATH * L, np.abs(needed))
     left = 1.0 - max((tau / L).max(), (then / L).max())
     if (over <= 0.0).all() and (beyond <= 0.0).all():  # false of a NaN
@@ -365,27 +352,23 @@ def braking_use(
     L: np.ndarray,
     v: np.ndarray,
     vdot: np.ndarray,
-    n: int,
     choices: np.ndarray,
     period: float,
 ) -> np.ndarray:
-    """(K, 2) the largest share of a limit that braking over each T takes: now; and
-    after vdot (nv,), held for a period, while the prescribed joints go on by it.
+    """(K, 2) the largest share of a limit that braking of all joints over each T takes:
+    now; and after vdot (nv,), held for a period.
 
     Args:
         A, b: (M, nv), (M,) of the torques A q_ddot + b, and
         L: (M,) what is aimed at [Nm or N].
-        v: (nv,) velocities, of which the first n are controlled.
+        v: (nv,) velocities.
         choices: (K,) of T [s].
         period: [s].
     """
-    braking, found = vdot.copy(), np.empty((len(choices), 2))
+    found, then = np.empty((len(choices), 2)), v + period * vdot
     for k in range(len(choices)):
-        T = choices[k]
-        braking[:n] = -v[:n] / T
-        found[k, 0] = (np.abs(times(A, braking) + b) / L).max()
-        braking[:n] -= (period / T) * vdot[:n]
-        found[k, 1] = (np.abs(times(A, braking) + b) / L).max()
+        found[k, 0] = (np.abs(times(A, v / -choices[k]) + b) / L).max()
+        found[k, 1] = (np.abs(times(A, then / -choices[k]) + b) / L).max()
     return found
 
 
@@ -399,18 +382,20 @@ def motor_rows(A, b, L, v, prescribed, n, T, period):
     M, share = len(A), period / T
     g, least = np.zeros((2 * M, n)), np.empty(2 * M)
     for i in range(M):
-        still, moving, size = b[i], 0.0, 1e-24
+        # The torque of standing still here, of the prescribed joints alone, of braking.
+        still, brake, moving, size = b[i], b[i], 0.0, 1e-24
         for j in range(n):
             moving += A[i, j] * v[j]
             size += A[i, j] ** 2
-        for j in range(n, A.shape[1]):
-            still += A[i, j] * (prescribed[j - n] - v[j]) / T
+        for j in range(A.shape[1]):
+            brake -= A[i, j] * v[j] / T
+            if j >= n:
+                still += A[i, j] * (prescribed[j - n] - v[j]) / T
         size = np.sqrt(size)
-        brake = still - moving / T
-        left = min(abs(brake), abs(brake - share * (brake - still)))
+        left = min(abs(brake), abs(brake - share * (brake - b[i])))
         room = max(RESERVE * L[i], left)
-        low = min(max(still + (brake - room) / share, -L[i]), L[i])
-        high = min(max(still + (brake + room) / share, -L[i]), L[i])
+        low = min(max(b[i] + (brake - room) / share, -L[i]), L[i])
+        high = min(max(b[i] + (brake + room) / share, -L[i]), L[i])
         for j in range(n):
             g[i, j], g[M + i, j] = A[i, j] / size, -A[i, j] / size
         least[i] = (T * (low - still) + moving) / size

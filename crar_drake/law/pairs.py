@@ -84,7 +84,7 @@ class Pairs:
         self._distance = float(distance)
         self._kept = np.zeros(0)
 
-    def is_clear(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
+    def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
         """Whether the braking path from a state (nv,), (nv,) keeps the safety distance,
         over a braking time constant [s]."""
         return not len(relaxed_distances(q, v, T, self._distance, self.shapes))

@@ -70,6 +70,10 @@ class MovingSpheres:
         self._evading: Rows | None = None
         self.evaded = (-1, -1)
 
+    def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
+        """Among obstacles T is fixed."""
+        return T == self._world.value.numbers.T
+
     def begin(self, state: State) -> None:
         if self._spheres is None:
             return
@@ -79,6 +83,16 @@ class MovingSpheres:
         )
         if self._moving is not None:
             self._evade(state)
+
+    def _share(self, state: State) -> float:
+        """Of T that the spheres are known to be passed over, in the state's [1]: until
+        T has come to theirs nothing is shown of them."""
+        return self._world.value.numbers.T / state.T
+
+    def _over_own(self, state: State, s: np.ndarray) -> np.ndarray:
+        """(nv,) s of the same acceleration over their own T."""
+        share = self._share(state)
+        return s if share == 1.0 else state.v + share * (s - state.v)
 
     def _evade(self, state: State) -> None:
         """Asks for rows if what is desired leaves (M5)."""
@@ -101,11 +115,12 @@ class MovingSpheres:
     def rows(self, state: State) -> Rows | None:
         if self._spheres is None:
             return None
-        s = state.whole(state.nominal)
+        s, share = state.whole(state.nominal), self._share(state)
         g, least = sphere_rows(
-            *(state.q, state.v, s, self._spheres),
+            *(state.q, state.v, self._over_own(state, s), self._spheres),
             *(self._approach, self._robot.value, self._world),
         )
+        least = (least - (1.0 - share) * times(g, state.v)) / share
         rows = of_controlled(g, least, s, state.n)
         return rows if self._evading is None else stacked([rows, self._evading])
 
@@ -113,14 +128,16 @@ class MovingSpheres:
         if self._spheres is None:
             return SafetyCheck(True, np.inf)
         safe, clearance, link, sphere, moved = check_spheres(
-            *(state.q, state.v, s, self._levels, correct),
+            *(state.q, state.v, self._over_own(state, s), self._levels, correct),
             *(self._spheres, self._robot, self._world),
         )
         if safe:
             return SafetyCheck(True, clearance)
         # No rows: a correction would leap to where the sphere cannot come any more.
         joints = moved > 0.0 if moved.any() else None
-        share = harmless_share(state.q, state.v, s, self._world)
+        share = 0.0
+        if self._share(state) == 1.0:
+            share = harmless_share(state.q, state.v, s, self._world)
         return SafetyCheck(False, clearance, None, joints, (link, sphere), share=share)
 
     def clear_after(self, braked: bool) -> np.ndarray:

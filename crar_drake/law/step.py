@@ -46,7 +46,9 @@ class State:
         known: whether the pairs' braking path over T is known to be collision-free.
         nominal: (n,) s to be as near to as is safe, made when it is first asked for
             [rad/s or m/s].
-        prescribed: (nv - n,) s of the other joints; they brake along with the others.
+        prescribed: (nv - n,) s of the other joints.
+        along: whether these brake, too, whatever is taken; else they go on as they do,
+            but brake along where a step is scaled.
         desired: (nv,) s that is taken bit-identical if it is safe; None if none is.
         lowest, highest: (n,) bounds of s, 0 between them; constraints replace them by
             narrower ones.
@@ -67,12 +69,14 @@ class State:
         known: bool = False,
         prescribed_acceleration: np.ndarray | None = None,
         keep_rows: bool = False,
+        along: bool = False,
     ) -> None:
         """
         Args:
             nominal: T [s] to s (n,).
             prescribed_acceleration: (nv - n,) of the joints that are not controlled
-                [rad/s^2 or m/s^2]; by default 0.
+                [rad/s^2 or m/s^2]; by default 0. Where they brake along it has no
+                effect.
 
         The others are as the attributes.
         """
@@ -81,7 +85,7 @@ class State:
         self.known, self.desired = known, None
         self._make_nominal, self._prescribed = nominal, prescribed_acceleration
         self.lowest, self.highest = _unbounded(n)
-        self.keep_rows, self.root = keep_rows, _NO_ROOT
+        self.keep_rows, self.root, self.along = keep_rows, _NO_ROOT, along
 
     def take_T(self, T: float, known: bool) -> None:
         """Replaces T [s]; of the path over it is known what is said."""
@@ -95,6 +99,8 @@ class State:
     @property
     def prescribed(self) -> np.ndarray:
         v = self.v[self.n :]
+        if self.along:
+            return np.zeros_like(v)
         return v if self._prescribed is None else v + self.T * self._prescribed
 
     def segment(self, s: np.ndarray) -> np.ndarray:
@@ -143,6 +149,10 @@ class Constraint(Protocol):
     """
 
     name: str
+
+    def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
+        """Whether the braking path over T [s] from a state (nv,), (nv,) violates
+        nothing: only then may T grow."""
 
     def begin(self, state: State) -> None:
         """Takes in the state of a step; may narrow its bounds, or set `keep_rows`."""

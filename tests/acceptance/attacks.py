@@ -186,7 +186,8 @@ def assert_nothing_is_violated(judge: RobotJudge, law: product.Law, found: Run) 
     assert_apart(judge, found.q)
     told = np.array([step.distances for step in found.steps])
     true = judge.distances(found.q[:: found.instants])
-    assert np.abs(told - true).max() < ROUNDING
+    beyond = told - true  # SceneGraph searches, and stops a little early
+    assert beyond.min() > -ROUNDING and beyond.max() < product.MEASURED_WITHIN
     c = law.controlled
     low, high = judge.lower[c] - ROUNDING, judge.upper[c] + ROUNDING
     beyond = (found.q[:, c] < low) | (found.q[:, c] > high)

@@ -24,6 +24,7 @@ from benchmarks.adversary.run import play_and_judge, run_case
 from benchmarks.adversary.starts import (
     random_poses,
 )
+from crar_drake.control import constraints
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.robot.description import find_body
@@ -220,15 +221,14 @@ def test_judge_holds_the_law_to_its_floor_but_where_the_start_is_nearer():
 
 def test_a_law_that_takes_slides_for_short_is_caught(monkeypatch):
     """A tenth of the reach, as if a slide that is far out were within its limits."""
-    from crar_drake.control.modes import lookahead
 
     def shorter(*given):
         found = find_reaches(*given)
         parts = {name: 0.1 * getattr(found, name) for name in ("a", "b", "farthest")}
         return found._replace(**parts)
 
-    find_reaches = lookahead.find_reaches
-    monkeypatch.setattr(lookahead, "find_reaches", shorter)
+    find_reaches = constraints.find_reaches
+    monkeypatch.setattr(constraints, "find_reaches", shorter)
     result = run_case(Case("slides", "beyond", 0.02, steps=2500))
     assert not result.error and result.violated > 0 and result.blocked > 0
 

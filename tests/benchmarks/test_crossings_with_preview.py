@@ -8,7 +8,7 @@ from benchmarks.peers.compare import PERIOD
 from benchmarks.peers.crossings import FARTHER, by_time, error_within, row
 from benchmarks.peers.driver import Problem, run
 from benchmarks.peers.judge import Judge
-from benchmarks.peers.peers import NO_PREVIEW
+from benchmarks.peers.peers import PAPER
 from benchmarks.peers.problem import write_crossings, write_problem
 from benchmarks.peers.run_crar import Crar
 
@@ -19,7 +19,7 @@ def test_hands_that_cross_are_followed_more_closely_and_hardly_less_calmly(tmp_p
     data = json.loads((tmp_path / "problem.json").read_text())
     judge = Judge(data["robot"], data["joints"], data["tasks"])
     seen, blind = [], []
-    for settings, figures in ((FARTHER, seen), (NO_PREVIEW, blind)):
+    for settings, figures in ((FARTHER, seen), (PAPER, blind)):
         crar = Crar(Problem(tmp_path), PERIOD, settings)
         for case in cases:
             made = run(crar, tmp_path / f"{case}.npz", PERIOD)
@@ -32,7 +32,7 @@ def test_hands_that_cross_are_followed_more_closely_and_hardly_less_calmly(tmp_p
     assert np.median([a.error / b.error for a, b in pairs]) < 0.6
     calm = [a.rms_acceleration / b.rms_acceleration for a, b in pairs]
     assert np.median(calm) < 1.2
-    # The tables, as if ours without a preview were a peer's.
+    # The tables, as if the paper's law were a peer's.
     told = row("ours", seen, [one.error for one in blind])
     assert told[1] == "3 of 3" and float(told[4]) < 0.6
     table = by_time({"Pink": [[one] for one in blind], "ours": [[one] for one in seen]})

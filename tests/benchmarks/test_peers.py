@@ -154,7 +154,7 @@ def test_settings_and_pins_are_complete(example) -> None:
     """Every peer has tuned settings of its own grid, and pinned packages."""
     peers = example["peers"]
     settings = example["tuning"].load_settings()
-    for peer in (*peers.PEERS, peers.OURS):
+    for peer in peers.PEERS:
         assert importlib.util.find_spec(f"benchmarks.peers.{peer.driver}")
         assert peer.environment in peers.ENVIRONMENTS
         for case, chosen in settings[peer.name].items():

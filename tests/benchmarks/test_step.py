@@ -9,7 +9,7 @@ from benchmarks.step import measure_growth, measure_simulations, measure_steps
 from benchmarks.step_compiling import measure_process
 from benchmarks.step_robots import make_robot
 from benchmarks.step_timing import Step, fit_growth, samples_of_run
-from crar_drake.control.parameters import LookaheadParameters
+from crar_drake.control.parameters import CONSTRAINTS
 from crar_drake.errors import CrarError
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario
@@ -17,7 +17,7 @@ from crar_drake.simulation.scenario import Scenario
 
 @pytest.mark.parametrize("mode", ["paper", "lookahead"])
 def test_the_timed_steps_are_those_of_the_simulation(mode):
-    parameters = LookaheadParameters(constraints=mode, blend_time=0.01)
+    parameters = CONSTRAINTS[mode](blend_time=0.01)
     scenario = Scenario(
         motion="dance", experiment="wrists", controller=parameters, duration=0.03
     )

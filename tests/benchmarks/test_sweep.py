@@ -1,7 +1,6 @@
 """The sweep: what is run, what is kept, and what is told of it."""
 
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import replace
 
 import pytest
 
@@ -16,6 +15,7 @@ from benchmarks.sweep.cases import (
 )
 from benchmarks.sweep.report import sweep_tables
 from crar_drake import fresh_processes
+from crar_drake.control.parameters import PaperParameters
 from crar_drake.errors import CrarError
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario
@@ -49,17 +49,20 @@ class Counting(Executor):
         return future
 
 
-def test_a_case_is_judged_at_every_step_of_the_plant():
+def test_a_case_is_judged_at_every_step_of_the_plant(monkeypatch):
     case = Case("reaching", "wrists", "none", "acceleration", 5e-3)
     # The case replaces the scenario's tasks and modes, and nothing else of it.
     base = Scenario(motion="dance", experiment="upper-body", duration=2.0)
-    base.controller.velocity_scale = 0.02  # for the motion to be too fast
+    limits = PaperParameters.speed_limits
+    monkeypatch.setattr(  # for the motion to be too fast
+        PaperParameters, "speed_limits", lambda *given: 0.02 * limits(*given)
+    )
     result = run_case(case, base.to_yaml())
     assert result.case == case and not result.error
     assert result.samples == 2001 and result.duration == pytest.approx(2.0)
 
     base.motion, base.experiment, base.log_period = "reaching", "wrists", 1e-3
-    base.controller = replace(base.controller, constraints="none", period=5e-3)
+    base.controller = PaperParameters(constraints="none", period=5e-3)
     run = run_scenario(base)
     # The summary has the controller's distances, the result the referee's.
     assert result.violated

@@ -4,6 +4,7 @@ import importlib
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,15 +13,17 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
-from crar_drake.control.parameters import CONSTRAINTS
 from small_logs import small_log
 from small_urdfs import humanoid, humanoid_with_legs
 
 import crar_drake.run
 from crar_drake.commands import main, make_parser, options, parse
-from crar_drake.control.parameters import LEVELS
+from crar_drake.control.parameters import CONSTRAINTS, LEVELS
 from crar_drake.errors import ScenarioError
+from crar_drake.resources import data_folder
 from crar_drake.results.log import SimulationLog
+from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.scenario import parse_scenario, scenario_names
 
@@ -322,17 +325,24 @@ def test_judging_some_of_the_paths(lookahead_log, empty_folder, capsys):
 def test_judging_counts_who_is_too_fast(empty_folder, capsys):
     """In a motion from rest every sample but the first ones; none without limits."""
     told = {}
-    for scale, code in (("1e-9", 1), (".inf", 0)):
-        Path("mine.yaml").write_text(
-            "motion: dance\nexperiment: wrists\nduration: 0.05\n"
-            f"controller: {{constraints: paper, velocity_scale: {scale}}}\n"
+    shutil.copytree(data_folder("models") / "upper_body", "robot")
+    described = Path("robot/robot.yaml").read_text()
+    joints = ControlModel.FromDescription(load_robot_description("robot"), [])
+    Path("mine.yaml").write_text(
+        "robot: robot\nmotion: dance\nexperiment: wrists\nduration: 0.05\n"
+        "controller: {constraints: paper}\n"
+    )
+    for limit, code in (("1e-9", 1), (".inf", 0)):
+        limits = [f"{name}: {limit}" for name in joints.joint_names]
+        Path("robot/robot.yaml").write_text(
+            f"{described}\nvelocity_limits: {{{', '.join(limits)}}}\n"
         )
         assert main(["run", "mine.yaml", "--no-recording", "--out", "it"]) == code
         run = capsys.readouterr().out.splitlines()
         assert main(["judge", "it/log.npz"]) == code
         judged = capsys.readouterr().out
         assert run[-1] == judged.splitlines()[-1]
-        told[scale] = " ".join(judged.split())
+        told[limit] = " ".join(judged.split())
     log = SimulationLog.load("it/log.npz")
     columns = [log.position_names.tolist().index(name) for name in log.controlled_names]
     fast = (np.abs(log.v[:, columns]) > 1e-6).any(axis=1).sum()
@@ -367,7 +377,10 @@ def test_without_a_command_help_is_printed(capsys):
         ("run diagrams/nowhere.yaml", "no scenario 'diagrams/nowhere.yaml'"),
         ("run --motion nowhere/05_02.amc", "nowhere/05_02.amc: there is no such"),
         ("run --motion cmu:99_99", "99.asf from http://mocap.cs.cmu.edu"),
-        ("run --level velocity --constraints lookahead", "use level acceleration"),
+        (
+            "run --level velocity --constraints lookahead",
+            "--constraints paper or none",
+        ),
         ("run obstacle_arm --skeleton x.asf", "--skeleton: obstacle_arm follows"),
         ("run obstacle_arm --experiment wrists", "obstacle_arm lists tasks of its own"),
         ("run --skeleton x.asf", "'dance' has its own skeleton"),

@@ -68,9 +68,10 @@ def swung(model: ControlModel, seconds: float) -> np.ndarray:
 
 
 def test_a_target_out_of_reach_is_waited_for_at_rest(model):
-    """And one that is within is reached: nothing shakes, nothing is left over."""
+    """And one that is within is reached: nothing shakes, nothing is left over. It is
+    aside, for straight ahead both arms stretched alike are a saddle."""
     p = model.layout.unpack(model.tasks_at(model.rest_positions())).p
-    for away, error in (([0.2, 0.0, 0.2], 1e-3), ([2.0, 0.0, 0.0], None)):
+    for away, error in (([0.2, 0.0, 0.2], 1e-3), ([2.0, 0.5, 0.0], None)):
         target = model.layout.pack(np.empty((0, 3, 3)), p + away)
         states, answers = follow(model, PREVIEW, np.tile(target, (600, 1)))
         v = states[:, model.plant.num_positions() :]
@@ -122,7 +123,10 @@ def test_a_plan_that_went_astray_is_left(model):
         ({"smoothness": 0.0}, "smoothness: 0.0 must be"),
         ({"smoothness": 1e-8}, "smoothness: 1e-08 must be.* at least 1e-06"),
         ({"smoothness": "close"}, "smoothness: close must be closest, balanced, calm"),
-        ({"nominal": PaperGains(), "preview": 0.1}, "controller.preview: .* nominal"),
+        (
+            {"nominal": PaperGains(), "preview": 0.1},
+            "controller.preview: .*controller.nominal",
+        ),
         ({"nominal": PaperGains(), "smoothness": "calm"}, "controller.smoothness"),
         ({"nominal": PaperGains(Kp=-1.0)}, "controller.nominal.Kp"),
         ({"period": 0.1, "braking_time": 0.05}, "controller.period: 0.1 s .* 0.05 s"),

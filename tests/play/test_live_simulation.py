@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pydrake.multibody.tree import JacobianWrtVariable
 
+from crar_drake.control.parameters import with_constraints
 from crar_drake.errors import CrarError, ModelError
 from crar_drake.judging.obstacle_judge import ObstacleJudge
 from crar_drake.judging.referee import Referee
@@ -24,7 +25,7 @@ PERIOD = 5e-3
 def scenario(constraints: str = "lookahead") -> Scenario:
     loaded = load_scenario("dance_wrists")
     loaded.controller.period = PERIOD
-    loaded.controller.constraints = constraints
+    loaded.controller = with_constraints(loaded.controller, constraints)
     return loaded
 
 

@@ -10,6 +10,7 @@ import pytest
 from pydrake.geometry import Meshcat
 from recorded_pages import look, read_data
 
+from crar_drake.control.parameters import with_constraints
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import CrarError, ModelError
 from crar_drake.results import marks
@@ -343,7 +344,7 @@ def test_phones_begin_with_what_matters(opened):
 
 def named(log: SimulationLog, motion: str, constraints: str) -> SimulationLog:
     scenario = Scenario(robot="upper_body", motion=motion, tasks=list(TASKS))
-    scenario.controller.constraints = constraints
+    scenario.controller = with_constraints(scenario.controller, constraints)
     return replace(log, scenario=scenario.to_yaml())
 
 

@@ -90,7 +90,7 @@ def test_some_of_a_real_motion(imported, cmu, robot, most, name, duration):
     judged = Referee(model.plant, model.scene_graph, model.description.pairs)
     assert judged.violations(q[::10]).num_violated == 0
     assert MeshJudge(model.description).judge(q[::50]).num_penetrating == 0
-    if scenario.controller.limits_efforts:
+    if scenario.controller.effort_limits:
         assert (np.abs(result.log.actuation) <= model.actuator_limits + 1e-9).all()
     assert result.summary.rms_task_error < 0.25
 

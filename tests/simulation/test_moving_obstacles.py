@@ -11,6 +11,7 @@ from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake import ScenarioError
+from crar_drake.control.parameters import with_constraints
 from crar_drake.judging.obstacle_judge import ObstacleJudge
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.playback import record_log
@@ -166,7 +167,8 @@ def test_a_run_judges_them_and_shows_them(among, tmp_path):
 
 
 def test_without_the_lookahead_it_is_run_into(among):
-    scenario = replace(among, controller=replace(among.controller, constraints="paper"))
+    paper = with_constraints(among.controller, "paper")
+    scenario = replace(among, controller=paper)
     summary = run_scenario(scenario).summary
     assert summary.fast_contacts > 10
     assert summary.obstacles["person"].fastest_contact > 0.1

@@ -7,7 +7,6 @@ import socket
 import threading
 import time
 import weakref
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -450,7 +449,7 @@ def test_it_starts_where_it_is_told(made):
 
 
 def test_what_cannot_be_served(made):
-    model, parameters = made.motion.model, made.motion.law.parameters
+    model = made.motion.model
     with pytest.raises(CrarError, match="choose another --port"):
         TeleoperationServer(made.motion, host="127.0.0.1", port=made.address[1])
     with pytest.raises(CrarError, match="from 0 to 65535"):

@@ -1,28 +1,27 @@
-"""The preview's equations (L10)-(L13), against sums of squares written out, differences
+"""The plan's equations (L10)-(L13), against sums of squares written out, differences
 of distances, and Drake's solver."""
 
 import numpy as np
 import pytest
-from crar_drake.equations.lookahead_rows import with_resting
-from crar_drake.equations.preview import (
-    effort_rows,
-    expected_motion,
-    make_preview,
-    plan_accelerations,
-    possible_motion,
-    rows_ahead,
-    shifted_plan,
-    speed_rows,
-    task_shares,
-)
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.linalg import lstsq
 
 from crar_drake import ControlModel, load_robot_description, position_tasks
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import LookaheadParameters
-from crar_drake.equations.kinematics import Measured, find_state
 from crar_drake.equations.references import References
+from crar_drake.law.plan import (
+    effort_rows,
+    expected_motion,
+    limit_rows_ahead,
+    make_preview,
+    pair_rows_ahead,
+    plan_accelerations,
+    possible_motion,
+    shifted_plan,
+    speed_rows,
+    task_shares,
+)
 
 PERIOD, DURATION, RHO, D, K = 5e-3, 0.16, 2e-4, 12.0, 9.0
 MARGIN, LIMIT_MARGIN, FAR = 5e-3, 0.02, 0.04
@@ -83,7 +82,6 @@ def test_the_instants_are_apart_by_a_period_at_least():
     np.testing.assert_allclose(PREVIEW.times, [0.01, 0.03, 0.06, 0.1, 0.16])
     late = make_preview(0.1, RHO, D, K, 0.02, FAR)
     np.testing.assert_allclose(late.times, [0.02, 0.04, 0.06, 0.08, 0.1])
-    assert len(make_preview(0.0, RHO, D, K, PERIOD, FAR).times) == 0
 
 
 def test_a_plan_is_shifted_by_a_period():
@@ -227,30 +225,30 @@ def crossed(model: ControlModel, rng: np.random.Generator):
 
 def test_rows_are_how_distances_and_limits_change(model):
     """By central differences of distances at the instants, and exactly of limits."""
-    rng = np.random.default_rng(2)
-    robot = model.robot_ahead
-    r, n = robot.value, model.n
-    parameters = LookaheadParameters(lookahead=LookaheadParameters(preview=DURATION))
-    numbers = ControlLaw(model, parameters).mode.numbers.value
-    workspace = model.MakeWorkspace()
+    rng, n = np.random.default_rng(2), model.n
+    law = ControlLaw(model, LookaheadParameters())
+    shapes = law._constraints.pairs.shapes.value
+    approach = LookaheadParameters().resolved().approach
     q, v = crossed(model, rng)
-    state = find_state(Measured(with_resting(q, v, r, 0.08), v, np.zeros((0, 7))), r)
+    at_q, at_v = model.in_order(q, v)
     last = 5.0 * rng.normal(size=(N, n))
-    limits = numbers.limits.value
 
     def places(plan):
-        x = expected_motion(state.v, np.zeros(model.n_p), plan, PREVIEW)
+        x = expected_motion(at_v, np.zeros(model.n_p), plan, PREVIEW)
         ahead = np.repeat(q[np.newaxis], N, axis=0)
-        ahead[:, r.positions] += x
+        ahead[:, model.positions] += x
         return ahead
 
     def distances(plan):
         return np.array([model.evaluate_distances(at).d for at in places(plan)])
 
-    x = expected_motion(state.v, np.zeros(model.n_p), last, PREVIEW)
-    gains = numbers.gains
-    assert (gains.distance_margin, gains.limit_margin) == (MARGIN, LIMIT_MARGIN)
-    rows, least = rows_ahead(state, x, limits, gains, r, numbers.reaches, PREVIEW)
+    x = expected_motion(at_v, np.zeros(model.n_p), last, PREVIEW)
+    margins = approach.distance_margin, approach.limit_margin
+    assert margins == (MARGIN, LIMIT_MARGIN)
+    of_pairs = pair_rows_ahead(at_q, at_v, x, approach, shapes, PREVIEW)
+    limits = model.lower, model.upper, approach
+    of_limits = limit_rows_ahead(at_q, at_v, x, *limits, PREVIEW)
+    rows, least = map(np.concatenate, zip(of_pairs, of_limits, strict=True))
     way = rng.normal(size=(N, n))
     step = 1e-4
     there, change = distances(last), distances(last + step * way)
@@ -288,14 +286,13 @@ def test_rows_are_how_distances_and_limits_change(model):
 
 def test_a_motion_that_no_robot_makes_is_not_believed(model):
     """Of any plan: within the limits, or where the joint is now, and no faster."""
-    parameters = LookaheadParameters(lookahead=LookaheadParameters(preview=DURATION))
-    limits = ControlLaw(model, parameters).mode.numbers.value.limits.value
+    limits = model.lower, model.upper
     rng = np.random.default_rng(3)
     for size in (1.0, 1e8):
         q = model.rest_positions()[model.controlled_positions]
         q[3] = model.upper[3] + 0.1  # beyond its limit
         x = size * rng.normal(size=(N, model.n + 2))
-        possible = possible_motion(x, q, limits, 10.0, PREVIEW)
+        possible = possible_motion(x, q, *limits, 10.0, PREVIEW)
         at = q + possible[:, : model.n]
         assert (at <= np.maximum(model.upper, q) + 1e-12).all()
         assert (at >= np.minimum(model.lower, q) - 1e-12).all()
@@ -308,14 +305,14 @@ def test_a_motion_that_no_robot_makes_is_not_believed(model):
     middle = np.zeros(model.n)
     middle[bounded] = 0.5 * (model.lower[bounded] + model.upper[bounded])
     np.testing.assert_array_equal(
-        possible_motion(slow, middle, limits, 10.0, PREVIEW), slow
+        possible_motion(slow, middle, *limits, 10.0, PREVIEW), slow
     )
     # A joint that is beyond a limit may stay there.
     still = np.zeros((N, model.n))
     for beyond in (model.lower - 0.3, model.upper + 0.3):
         q = np.where(bounded, beyond, 0.0)
         np.testing.assert_array_equal(
-            possible_motion(still, q, limits, 10.0, PREVIEW), still
+            possible_motion(still, q, *limits, 10.0, PREVIEW), still
         )
 
 

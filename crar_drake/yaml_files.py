@@ -132,6 +132,9 @@ def load_yaml(
     for way, message in mistakes or _mistakes(document, schema, ()):
         line = lines.get(way) or lines.get(way[:-1])
         at = f" (line {line})" if line else ""
+        if "unknown key" in message and len(way) == 2 and way[0] in kinds:
+            names = [name for key, name in others if key == way[0]]
+            message = f"unknown key {way[1]!r}{nearest(str(way[1]), names)}"
         if "unknown key" in message and way in others:
             message = others[way]
             if way[-1] == kinds[way[0]][0]:

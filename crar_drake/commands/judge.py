@@ -175,13 +175,6 @@ def run_log(arguments: argparse.Namespace) -> int:
     if meshes is not None:
         for line in mesh_lines(*meshes):
             print(line)
-    unexamined = model.pairs.not_examined
-    if unexamined and scenario.controller.constraints == "lookahead":
-        named = few([f"{a} - {b}" for a, b in unexamined], _MOST_LINES)
-        print(
-            "certificate: none: the controller does not examine the braking paths of "
-            f"{named}, whose shapes are not all capsules, spheres and convex hulls"
-        )
     touched = judge_obstacles(
         log, scenario, model.plant, model.scene_graph, description.pairs
     )

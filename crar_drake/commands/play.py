@@ -17,7 +17,6 @@ from crar_drake.commands.options import (
     positive,
 )
 from crar_drake.commands.output import OUT, label, tell_failure
-from crar_drake.control.parameters import with_constraints
 from crar_drake.errors import CrarError
 
 if TYPE_CHECKING:
@@ -137,6 +136,8 @@ def _close(session: PlaySession, error: BaseException | None = None) -> None:
 
 
 def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
+    from crar_drake.control.parameters import with_constraints
+
     override_motion(scenario, arguments)
     scenario.controller = with_constraints(scenario.controller, arguments.constraints)
     scenario.controller.period = arguments.period

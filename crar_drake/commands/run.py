@@ -25,7 +25,6 @@ from crar_drake.commands.options import (
     positive,
 )
 from crar_drake.commands.output import FAST, OUT, counted, final_line, label
-from crar_drake.control.parameters import with_constraints
 from crar_drake.errors import ScenarioError
 
 _EXPORT_RATE = 50.0  # [Hz], at which policies usually act
@@ -197,6 +196,8 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
                 f"--{name}: {arguments.scenario} follows keyframes, not a motion"
             )
         setattr(scenario, name, value)
+    from crar_drake.control.parameters import with_constraints
+
     if arguments.constraints is not None:
         scenario.controller = with_constraints(
             scenario.controller, arguments.constraints

@@ -89,14 +89,14 @@ class RobotConstraints:
             *(model.joints, model.pairs, model.order),
             *(plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()),
         )
-        losses, robot = np.zeros(len(model.pairs.closed_rows)), model.robot_ahead
+        losses, robot = np.zeros(len(model.pairs.pair_of_shapes)), model.robot_ahead
         if errors.any():
             check_slides(errors, reaches, model)
             losses = distance_losses(errors, reaches)
             check_rest_posture(robot, losses, gains.safety_distance, model)
             robot = thickened(robot, losses)
         self._robot = robot
-        of_shapes = model.pairs.pair_of_shapes[model.pairs.closed_rows]
+        of_shapes = model.pairs.pair_of_shapes
         self._approach = approach
         self.pairs = Pairs(
             *(self._robot, hold(reaches), find_balls(model, losses)),
@@ -118,7 +118,6 @@ class RobotConstraints:
                 model, self.T, self.period, soles.friction, soles.margin
             )
             self.all.append(self.ground)
-        self.examines_all = not model.pairs.not_examined
 
     @property
     def fastest(self) -> float:
@@ -231,8 +230,5 @@ class RobotConstraints:
         return found, Braking(state.T, self.pairs.present_is_clear, later)
 
     def clearance(self, found: Step) -> float:
-        """No watched distance is smaller on the braking path after a step [m]; NaN
-        where a watched pair is not examined."""
-        if not self.examines_all:
-            return np.nan
+        """No watched distance is smaller on the braking path after a step [m]."""
         return float(found.clearances.get(self.pairs.name, self.pairs.least_kept))

@@ -78,8 +78,7 @@ ALL = (
         lambda model: 4,
         "how the step was found (0 nominal, 1 corrected, 2 scaled), "
         "the share of the nominal step, the clearance of the next braking path "
-        "[m], and whether the present one was clear (1) or not (0); the last two "
-        "NaN where a watched pair is not examined",
+        "[m], and whether the present one was clear (1) or not (0)",
     ),
     Diagnostic(
         "balance",

@@ -530,8 +530,7 @@ class ControlLaw:
         clear = of.pairs.present_is_clear
         if regions is not None:
             clear = clear and bool(regions.clear.all())
-        clear = float(clear) if of.examines_all else np.nan
-        how = np.array([found.how, found.share, of.clearance(found), clear])
+        how = np.array([found.how, found.share, of.clearance(found), float(clear)])
         reported = {"admission": how, "T": np.array([state.T])}
         if of.ground is not None:
             check = found.objections.get(of.ground.name)

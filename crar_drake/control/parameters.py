@@ -376,6 +376,9 @@ class LookaheadParameters(SafetyParameters, Shared):
             may_be_zero={"posture_gain", "tracking_error"},
             may_be_infinite={"velocity_scale"},
         )
+        for name in ("velocity_limits", "tracking_errors"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise ScenarioError(f"controller.{name}: give names and their values")
         for joint, limit in self.velocity_limits.items():
             if not is_speed_limit(limit):
                 raise ScenarioError(
@@ -447,7 +450,8 @@ class LookaheadParameters(SafetyParameters, Shared):
         """Over which a robot whose motors are weak may brake [s]."""
         if self.braking_time is not None:
             return self.braking_time
-        return max(_BRAKING_TIMES / self.gains.Gv, _PLANNED_PERIODS * self.period)
+        longest = _BRAKING_TIMES / self.gains.Gv
+        return max(longest, _PLANNED_PERIODS * self.period) if self.plans else longest
 
     @property
     def _smoothness(self) -> float:

@@ -42,8 +42,7 @@ class Solution:
         admission: (4,) how the step was found (0 nominal, 1 corrected, 2 scaled towards
             braking), the share of the nominal step, a bound from below for all
             distances on the next braking path [m], and 1 if the present one is clear,
-            else 0, the last two NaN if a watched pair is not examined. This and the
-            next two are NaN unless constraints are "lookahead".
+            else 0. This and the next two are NaN unless constraints are "lookahead".
         balance: (3,) the same where the ground objected, without the last, and what it
             has left [m of the weight's arm]; NaN without `controller.balance`.
         T: (1,) braking time constant of the step [s].

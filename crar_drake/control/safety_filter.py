@@ -57,8 +57,7 @@ class FilterReport:
         pair: the two links that come too near, or hold the command back; or None.
         joint: the joint that `why` is about, or that binds besides; or None.
         clearance: no watched distance is smaller on the braking path from the command
-            [m]; a bound from below. NaN where a watched pair is not examined (a
-            cylinder, say), and while it brakes.
+            [m]; a bound from below. NaN while it brakes.
         clear: whether the path that the step started with is known to be clear.
         motor_use: the largest share of a motor's limit that the command takes, now or
             braking after it [1]; NaN without effort limits, and while it brakes.
@@ -71,7 +70,7 @@ class FilterReport:
         obstacle_clearance: how far links stay from obstacles on the braking path from
             the command, less what these can come nearer while the links are faster than
             `SafetyParameters.contact_speed` [m]; a bound from below. NaN without
-            obstacles, while it brakes, and where a watched pair is not examined.
+            obstacles, and while it brakes.
         too_fast: names of the obstacles that are where they could not be, had they kept
             the bound of their speed.
     """
@@ -397,7 +396,7 @@ class SafetyFilter:
             left = found.clearances.get(OBSTACLE, np.nan)
             of_regions = {
                 "obstacle": obstacle,
-                "obstacle_clearance": left if of.examines_all else np.nan,
+                "obstacle_clearance": left,
                 "too_fast": regions.too_fast,
             }
         if how != AS_NOMINAL and not why:

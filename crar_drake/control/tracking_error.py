@@ -150,7 +150,7 @@ def check_rest_posture(
     worst = short[np.argmin((d - floor)[short] / losses[short])]
     share = (d[worst] - floor) / losses[worst]
     pairs = model.pairs
-    a, b = pairs.names[pairs.pair_of_shapes[pairs.closed_rows[worst]]]
+    a, b = pairs.names[pairs.pair_of_shapes[worst]]
     raise ScenarioError(
         f"{_WHERE}: in the rest posture {a} - {b} are {1e3 * d[worst]:.1f} mm apart. "
         f"The errors of their joints can take {1e3 * losses[worst]:.1f} mm of it, and "

@@ -85,7 +85,8 @@ class ShapePairs(NamedTuple):
     vector_b: np.ndarray
     sizes: CapsuleSizes  # (K Ns,)
     shapes: np.ndarray  # (K Nf,) which of these are looked at
-    order: np.ndarray  # (Nf,) the row of each among what SceneGraph is asked
+    # (Ns,) the row of each among what SceneGraph is asked; -1 of hulls about shapes
+    order: np.ndarray
     members: np.ndarray  # (K Nr, most) shape pairs of each row; the first fills up
     moves: np.ndarray  # (Nr, nv) see `collisions.distance_gradient_about_origin`
     hull_a: np.ndarray  # (K Ns,) which hull a is, whose axis is its middle; -1 if none
@@ -291,7 +292,7 @@ def nearest_of_pairs(
         p_WA = asked[:, 4:].copy()
         for k in range(len(pairs.order)):
             row = pairs.order[k]
-            if not d[row] <= exact[0][k] + _REFUTED:
+            if row >= 0 and not d[row] <= exact[0][k] + _REFUTED:
                 d[row], normal[row], p_WA[row] = exact[0][k], exact[1][k], exact[2][k]
     if len(d) == len(pairs.members):
         return d, normal, p_WA

@@ -121,7 +121,8 @@ class Motors:
         is_clear: Callable[[float], bool],
     ) -> float:
         """The shortest T over which the motors can brake, now and with a reserve after
-        the nominal; else the longest over which they can now; else the present one.
+        the nominal; else the longest over which they can now; else that over which they
+        lack the least.
 
         Args:
             state: whose T is the one that it is known to be safe over [s].
@@ -135,10 +136,12 @@ class Motors:
         given = self._A, self._b, self._aimed
         uses = braking_use(*given, v, vdot, np.array(choices), state.period)
         times_ = state.period, state.plant_step, self._efforts
-        chosen = state.T
+        chosen, least, lacks = None, state.T, np.inf
         for T, (now, then) in zip(choices, uses.tolist(), strict=True):
             if T > state.T and not is_clear(T):
                 break
+            if now < lacks:
+                least, lacks = T, now
             can, calm = now <= 1.0, max(now, then) <= _CALM
             if can and not calm and T != state.T:
                 can = can_brake(q, v, vdot, 0.0, T, *times_)
@@ -147,7 +150,7 @@ class Motors:
             enough = then <= RESERVE
             if can and enough and (calm or can_brake(q, v, vdot, 1.0, T, *times_)):
                 break
-        return chosen
+        return least if chosen is None else chosen
 
     def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
         """That T is theirs to choose, see `braking_time_constant`."""

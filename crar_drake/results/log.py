@@ -41,8 +41,7 @@ class SimulationLog:
         admission: (T, 4) how the control step was admitted (0 nominal, 1 corrected,
             2 scaled towards braking), the share of the nominal step, a bound from below
             for all distances on the next braking path [m], and 1 if the present one is
-            clear, else 0, the last two NaN where a watched pair is not examined; all
-            NaN unless "lookahead" and while the robot brakes without targets.
+            clear, else 0; all NaN unless "lookahead".
         balance: (T, 3) how the control step was admitted for balance (0 nominal, 1
             corrected, 2 scaled towards braking), the share of it, and what the ground
             has left on the next braking path [m of the weight's arm]; all NaN without

@@ -108,9 +108,6 @@ class Summary:
     # those that began with a braking path that was not known to be clear: the invariant
     # did not hold
     unclear_steps: int
-    # those of which it is not known, since a watched pair has a shape that the
-    # admission cannot bound
-    unexamined_steps: int
     # no distance on a braking path was smaller, as the controller says, or saw where
     # the path was not clear [m]; None without such steps
     path_clearance: float | None
@@ -348,7 +345,6 @@ def _admission(log: SimulationLog, period: float) -> dict[str, int | float | Non
         corrected_steps=int(np.count_nonzero(how == CORRECTED)),
         scaled_steps=int(np.count_nonzero(how == SCALED)),
         unclear_steps=int(np.count_nonzero(clear == 0.0)),
-        unexamined_steps=int(np.count_nonzero(reported & np.isnan(clear))),
         path_clearance=_smallest(clearance),
         longest_held_back=longest,
     )

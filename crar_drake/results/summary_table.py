@@ -101,11 +101,9 @@ def summary_table(summary: Summary, verbose: bool = False) -> Table:
         nearest = "no pair" if clearance is None else f"{1e3 * clearance:.1f} mm"
         table.add_row(
             "braking path",
-            "not examined" if summary.unexamined_steps else nearest,
+            nearest,
             _path(summary) + (_admitted(summary) if verbose else ""),
-            style="bold red"
-            if summary.unclear_steps or summary.unexamined_steps
-            else "",
+            style="bold red" if summary.unclear_steps else "",
         )
     if summary.balanced_steps:
         share = summary.changed_for_balance / summary.balanced_steps
@@ -152,8 +150,6 @@ def _path(summary: Summary) -> str:
     unclear = summary.unclear_steps
     if unclear:
         return f"not clear at {unclear} step{'s' if unclear > 1 else ''}"
-    if summary.unexamined_steps:
-        return "a pair has a shape that is neither capsule nor sphere"
     return "at least, clear at every step"
 
 

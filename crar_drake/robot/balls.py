@@ -31,7 +31,7 @@ def find_balls(model: ControlModel, losses: np.ndarray | None = None) -> Balls:
     Args:
         model: of a robot that does not float.
         losses: (Np,) by how much nearer pairs of shapes count than they are, in the
-            order of `pairs.closed_rows` [m]; by default not at all.
+            order of `pairs.pair_of_shapes` [m]; by default not at all.
     """
     joints, pairs, order = model.joints, model.pairs, model.order
     placed, radius, reach, unbounded = [], [], [], []
@@ -45,7 +45,7 @@ def find_balls(model: ControlModel, losses: np.ndarray | None = None) -> Balls:
         unbounded.append(bool(by_slide.any()) or any(axis.flat for axis in axes))
     centre, first = joints.select(placed)
     unbounded = np.array(unbounded, dtype=bool)
-    of_shapes = pairs.pair_of_shapes[pairs.closed_rows]
+    of_shapes = pairs.pair_of_shapes
     radius = np.array(radius, dtype=float)
     if losses is not None:
         nearer = np.zeros(len(radius))

@@ -20,7 +20,13 @@ from crar_drake.equations.capsule_distances import ShapePairs, capsule_sizes
 from crar_drake.equations.compilation import hold
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import GROUND
-from crar_drake.robot.hulls import Hull, hull_of, numbers_of_hulls, shape_corners
+from crar_drake.robot.hulls import (
+    Hull,
+    hull_of,
+    is_round,
+    numbers_of_hulls,
+    shape_corners,
+)
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,7 @@ class CapsuleAxis:
     radius: float  # [m]
     flat: bool = False  # whether it is that of a half space
     hull: Hull | None = None  # that is in the place of an axis, in B
+    round: bool = False  # whether the shape within the hull is smaller
 
     @property
     def ends(self) -> np.ndarray:
@@ -57,11 +64,11 @@ class WatchedPairs:
 
     A segment may carry several shapes: the pair's distance is then the smallest
     over its shape pairs. What is measured is what SceneGraph answers of all shape
-    pairs; whole paths are bounded for capsules, spheres, boxes and convex hulls (of
-    meshes, too), whose pairs have a closed form. Against a half space, which must be
-    one of the world's own shapes, the ends of a capsule and the corners of a hull count
-    as shapes of their own, in closed form in any case: SceneGraph answers for spheres
-    alone.
+    pairs; whole paths are bounded in closed form: of capsules, spheres, boxes and
+    convex hulls (of meshes, too), and of hulls about what is round otherwise. Against a
+    half space, which must be one of the world's own shapes, the ends of a capsule and
+    the corners of a hull count as shapes of their own, in closed form in any case:
+    SceneGraph answers for spheres alone.
 
     Attributes:
         names: per pair (link a, link b), in the documented order of the ports; the
@@ -73,8 +80,7 @@ class WatchedPairs:
             that stand above half spaces.
         shape_pairs: (Nc, most) the shape pairs of each pair; the first fills up.
         pair_of_shapes: (Ns,) the pair that each shape pair belongs to.
-        closed_rows: (Nf,) which shape pairs have a closed form.
-        closed_axes: (Nf,), (Nf,) their two axes, among those of `axes`, one after the
+        shape_axes: (Ns,), (Ns,) their two axes, among those of `axes`, one after the
             other.
     """
 
@@ -102,7 +108,7 @@ class WatchedPairs:
         self.bodies: list[RigidBody] = []
         self.axes: list[list[CapsuleAxis]] = []
         index_of: dict[int, int] = {}
-        shapes: list[list[tuple[GeometryId, int | None]]] = []
+        shapes: list[list[tuple[GeometryId, int]]] = []
         flat: list[bool] = []  # whether a body carries a half space
         world = int(plant.world_body().index())
         for body in (body for pair in pairs for body in pair):
@@ -117,7 +123,7 @@ class WatchedPairs:
                     "geometry"
                 )
             axes: list[CapsuleAxis] = []
-            entries: list[tuple[GeometryId, int | None]] = []
+            entries: list[tuple[GeometryId, int]] = []
             for geometry in ids:
                 shape = inspector.GetShape(geometry)
                 X_BG = inspector.GetPoseInFrame(geometry).GetAsMatrix34()
@@ -128,9 +134,8 @@ class WatchedPairs:
                         f"link {body.name()!r}: collision geometry "
                         f"{inspector.GetName(geometry)!r}: {error}"
                     ) from error
-                entries.append((geometry, len(axes) if axis else None))
-                if axis:
-                    axes.append(axis)
+                entries.append((geometry, len(axes)))
+                axes.append(axis)
             self.axes.append(axes)
             shapes.append(entries)
             flat.append(any(axis.flat for axis in axes))
@@ -163,7 +168,7 @@ class WatchedPairs:
 
         # Shape pairs, those of one segment pair side by side.
         first_axis = np.cumsum([0] + [len(axes) for axes in self.axes])
-        axis_a, axis_b, closed, members = [], [], [], []
+        axis_a, axis_b, members = [], [], []
         # Of each row its two shapes; or the one that stands on a half space, that, and
         # by which of its points.
         self._shapes: list[tuple[GeometryId, GeometryId, int | None]] = []
@@ -173,19 +178,16 @@ class WatchedPairs:
             for geometry_a, local_a in shapes[a]:
                 for geometry_b, local_b in shapes[b]:
                     locals_a, stands = [local_a], False
-                    if local_b is not None and self.axes[b][local_b].flat:
+                    if self.axes[b][local_b].flat:
                         locals_a, stands = stand[a][geometry_a], True
                     for i, local in enumerate(locals_a):
                         point = i if stands else None
                         self._shapes.append((geometry_a, geometry_b, point))
-                        if local is not None and local_b is not None:
-                            axis_a.append(first_axis[a] + local)
-                            axis_b.append(first_axis[b] + local_b)
-                            closed.append(row)
+                        axis_a.append(first_axis[a] + local)
+                        axis_b.append(first_axis[b] + local_b)
                         row += 1
             members.append(list(range(start, row)))
-        self.closed_axes = np.array(axis_a, dtype=int), np.array(axis_b, dtype=int)
-        self.closed_rows = np.array(closed, dtype=int)
+        self.shape_axes = np.array(axis_a, dtype=int), np.array(axis_b, dtype=int)
         self._blank = np.zeros((row, 7))
         # Rectangular: a pair with fewer shape pairs repeats its first one.
         most = max(map(len, members), default=1)
@@ -210,7 +212,7 @@ class WatchedPairs:
             if points is None:
                 raise ModelError(
                     f"link {self.bodies[body].name()!r} is watched against a half "
-                    "space; give it spheres, capsules, boxes or convex meshes only"
+                    "space, on which it does not stand; give it another shape"
                 )
             axes = self.axes[body]
             found[geometry] = list(range(len(axes), len(axes) + len(points)))
@@ -222,13 +224,6 @@ class WatchedPairs:
 
     def __len__(self) -> int:
         return len(self.names)
-
-    @property
-    def not_examined(self) -> tuple[tuple[str, str], ...]:
-        """The pairs, by the names of their links, of which a shape has no closed form:
-        nothing bounds them on a path."""
-        open_ = np.delete(self.pair_of_shapes, self.closed_rows)
-        return tuple(self.names[pair] for pair in np.unique(open_))
 
     def for_equations(
         self, num_points: int, first: int, moves: np.ndarray
@@ -244,14 +239,14 @@ class WatchedPairs:
 
         Returns:
             A row for each watched pair, of its nearest shapes, by what SceneGraph
-            answers of all; and in two configurations a row for each shape pair that has
-            a closed form.
+            answers of all; and in two configurations a row for each shape pair.
         """
         every = [axis for axes in self.axes for axis in axes]
         radii = np.array([axis.radius for axis in every])
         lengths = np.array([np.linalg.norm(axis.p_B1 - axis.p_B0) for axis in every])
         flat = np.array([axis.flat for axis in every], dtype=bool)
-        a, b = self.closed_axes
+        exact = np.array([not axis.round for axis in every], dtype=bool)
+        a, b = self.shape_axes
         sizes = capsule_sizes(lengths[a], radii[a], lengths[b], radii[b], flat[b])
         start, vector = first, first + len(every)
         hulls, after, of_axis = [], [], np.full(len(every), -1)
@@ -277,14 +272,14 @@ class WatchedPairs:
             shapes=np.arange(2 * len(a)),
             order=np.arange(0),
             members=np.arange(2 * len(a))[:, np.newaxis],
-            moves=np.ascontiguousarray(moves[self.pair_of_shapes[self.closed_rows]]),
+            moves=np.ascontiguousarray(moves[self.pair_of_shapes]),
             hull_a=np.tile(of_axis[a], 2),
             hull_b=np.tile(of_axis[b], 2),
             hulls=hold(numbers_of_hulls(hulls, after)),
         )
         of_queries = of_paths._replace(
             shapes=np.arange(len(a)),
-            order=self.closed_rows,
+            order=np.where(exact[a] & exact[b], np.arange(len(a)), -1),
             members=self.shape_pairs,
             moves=np.ascontiguousarray(moves),
         )
@@ -338,6 +333,7 @@ class WatchedPairs:
                 answers[k, 4:] = found.p_BCb
                 answers[k, 1:4] *= -1.0
         X = np.array([query.GetPoseInWorld(a).GetAsMatrix34() for a in poses])
+        X = X.reshape(-1, 3, 4)
         asked = np.flatnonzero(at >= 0)
         R, p = X[at[asked], :, :3], X[at[asked], :, 3]
         points = np.einsum("kij,kj->ki", R, answers[asked, 4:]) + p
@@ -368,14 +364,14 @@ def _height(
     return np.concatenate([[height], normal, p_W - radius * normal])
 
 
-def shape_axis(shape: Shape, X_BG: np.ndarray) -> CapsuleAxis | None:
-    """The axis of a capsule, a sphere or a half space, or a hull; None for any other.
+def shape_axis(shape: Shape, X_BG: np.ndarray) -> CapsuleAxis:
+    """The axis of a capsule, a sphere or a half space; of any other a hull about it.
 
     Args:
         X_BG: (3, 4) the shape's pose in the link's frame B.
 
     Raises:
-        ModelError: a mesh cannot be read, or has no volume.
+        ModelError: a mesh cannot be read, or has no volume; or there is no hull.
     """
     if isinstance(shape, Capsule):
         half = 0.5 * shape.length() * X_BG[:, 2]
@@ -386,10 +382,13 @@ def shape_axis(shape: Shape, X_BG: np.ndarray) -> CapsuleAxis | None:
         return CapsuleAxis(X_BG[:, 3].copy(), X_BG[:, 3] - X_BG[:, 2], 0.0, flat=True)
     corners = shape_corners(shape)
     if corners is None:
-        return None
+        raise ModelError(
+            f"nothing bounds distances of a {type(shape).__name__}: give a sphere, a "
+            "capsule, a box, a cylinder, an ellipsoid or a convex mesh"
+        )
     hull = hull_of(corners @ X_BG[:, :3].T + X_BG[:, 3])
     middle = hull.corners.mean(axis=0)
-    return CapsuleAxis(middle, middle, 0.0, hull=hull)
+    return CapsuleAxis(middle, middle, 0.0, hull=hull, round=is_round(shape))
 
 
 def standing_points(shape: Shape) -> list[tuple[np.ndarray, float]] | None:

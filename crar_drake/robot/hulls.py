@@ -2,15 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 
 import numpy as np
-from pydrake.geometry import Box, Convex, Mesh, Shape
+from pydrake.geometry import Box, Convex, Cylinder, Ellipsoid, Mesh, Shape
 from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.equations.hull_distances import Hulls
 from crar_drake.errors import ModelError
 
+# Of the prism about a cylinder: 2 % of the radius are lost.
+_SIDES = 16
 # Directions that differ by less count as one [rad].
 _PARALLEL = 1e-9
 
@@ -27,10 +30,11 @@ class Hull:
 def shape_corners(shape: Shape) -> np.ndarray | None:
     """(V, 3) points in the geometry frame of which a shape is the hull [m].
 
-    SceneGraph takes a mesh for its hull, too, where distances are asked.
+    SceneGraph takes a mesh for its hull, too, where distances are asked. What is round
+    is within the hull: a cylinder within a prism, an ellipsoid within a polyhedron.
 
     Returns:
-        None of a shape that is none: of spheres, capsules, cylinders and others.
+        None of a shape that is none: of spheres, capsules and others.
 
     Raises:
         ModelError: the file of a mesh cannot be read.
@@ -38,6 +42,14 @@ def shape_corners(shape: Shape) -> np.ndarray | None:
     if isinstance(shape, Box):
         half = 0.5 * shape.size()
         return np.array([half * signs for signs in product((-1.0, 1.0), repeat=3)])
+    if isinstance(shape, Cylinder):
+        angles = 2.0 * np.pi / _SIDES * np.arange(_SIDES)
+        ring = shape.radius() / np.cos(np.pi / _SIDES) * np.exp(1j * angles)
+        half = np.full(_SIDES, 0.5 * shape.length())
+        ends = [np.column_stack((ring.real, ring.imag, z)) for z in (-half, half)]
+        return np.concatenate(ends)
+    if isinstance(shape, Ellipsoid):
+        return np.array([shape.a(), shape.b(), shape.c()]) * _around_ball()
     if not isinstance(shape, Convex | Mesh):
         return None
     try:
@@ -45,6 +57,34 @@ def shape_corners(shape: Shape) -> np.ndarray | None:
     except RuntimeError as error:
         raise ModelError(f"its hull cannot be found: {error}") from error
     return np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+
+
+def is_round(shape: Shape) -> bool:
+    """Whether the hull of `shape_corners` is larger than the shape."""
+    return isinstance(shape, Cylinder | Ellipsoid)
+
+
+@cache
+def _around_ball() -> np.ndarray:
+    """(42, 3) corners of a polyhedron about the unit ball: those of an icosahedron, and
+    the middles of its edges."""
+    golden = 0.5 + 0.5 * 5.0**0.5
+    corners = [
+        np.roll([0.0, one, two * golden], k)
+        for k in range(3)
+        for one in (-1.0, 1.0)
+        for two in (-1.0, 1.0)
+    ]
+    middles = [
+        0.5 * (a + b)
+        for i, a in enumerate(corners)
+        for b in corners[:i]
+        if np.linalg.norm(a - b) < 2.0 + 1e-9
+    ]
+    points = np.array(corners + middles)
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    offsets = -ConvexHull(points).equations[:, 3]  # of the faces, from the middle
+    return points / offsets.min()
 
 
 def hull_of(points: np.ndarray) -> Hull:

@@ -47,7 +47,7 @@ def find_reaches(
     by_slide = np.array([by for _, by in found]).reshape(-1, len(per_slide), len(order))
     by_slide = by_slide[:, sliding]
     frames = np.array(body_of, dtype=int)
-    a, b = pairs.closed_axes
+    a, b = pairs.shape_axes
     moved = joints.moved_by[frames][:, order].reshape(-1, len(order))
     a_alone, b_alone = moved[a] & ~moved[b], moved[b] & ~moved[a]
 

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from crar_drake.errors import few
 from crar_drake.motion.report import MotionReport
 from crar_drake.robot.description import (
     FLOOR_TOLERANCE,
@@ -21,7 +20,6 @@ from crar_drake.simulation.visuals import models_without_visuals
 _MOST = 2  # findings and joints that a line names
 _LOOKS = 201  # at the targets, in equal steps
 # What acts on tasks only where nothing is planned.
-_OF_FEEDBACK = ("K", "Kp", "Kv", "damping")
 
 
 def run_warnings(
@@ -34,7 +32,6 @@ def run_warnings(
         recorded: whether there is a recording.
     """
     lines = [*_of_the_motion(scenario, report), *_of_the_duration(scenario, setup)]
-    lines += _of_what_is_not_examined(scenario, setup.model)
     lines += _of_the_rest_posture(scenario, setup)
     lines += _of_targets_below_the_floor(scenario, setup)
     if recorded:
@@ -76,18 +73,6 @@ def _of_the_duration(scenario: Scenario, setup: Setup) -> Iterator[str]:
             f"duration: the {what} at {end:.2f} s; from there to "
             f"{scenario.duration:g} s the targets stand still where they were"
         )
-
-
-def _of_what_is_not_examined(scenario: Scenario, model: ControlModel) -> Iterator[str]:
-    pairs = model.pairs.not_examined
-    if scenario.controller.constraints != "lookahead" or not pairs:
-        return
-    named = few([f"{a} - {b}" for a, b in pairs], _MOST)
-    yield (
-        f"not examined: {named}: not all of their shapes are capsules, spheres "
-        "and convex hulls, so that no braking path is shown to be clear; the law keeps "
-        "them apart as well as it can, but nothing is proved of them"
-    )
 
 
 def _of_the_rest_posture(scenario: Scenario, setup: Setup) -> Iterator[str]:

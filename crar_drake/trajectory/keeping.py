@@ -23,7 +23,6 @@ from typing import Protocol
 import numpy as np
 
 from crar_drake.equations.compilation import hold
-from crar_drake.errors import ModelError
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
@@ -131,15 +130,7 @@ class Keeper:
         """
         Args:
             model, rate, floor, floor_between, velocity_scale: see the attributes.
-
-        Raises:
-            ModelError: watched shapes are others than capsules, spheres and hulls.
         """
-        if model.pairs.not_examined:
-            raise ModelError(
-                f"robot {model.description.name} has watched shapes that are neither "
-                "capsules nor spheres nor convex hulls; these alone are examined"
-            )
         self.model, self.rate, self.rest = model, rate, model.rest_positions()
         self.floor, self.floor_between = floor, floor_between
         self.velocity_scale = velocity_scale

@@ -456,26 +456,23 @@ def _distances(filter: SafetyFilter, q: np.ndarray) -> float:
     return referee.distances(q).min()
 
 
-def test_of_cylinders_nothing_is_said_and_the_others_are_kept_apart():
-    cylinder = '<cylinder radius="0.05" length="0.1"/>'
-    urdf = chain_urdf("zzzz", shapes=(CAPSULE,), extra="").replace(
-        f"<geometry>{CAPSULE}</geometry>", f"<geometry>{cylinder}</geometry>", 1
-    )
-    pairs = [["l0", "l2"], ["l1", "l3"]]
-    filter = SafetyFilter(make_model(urdf, [], pairs=pairs), 0.01)
-    (boxed,) = filter.model.pairs.not_examined
-    (kept,) = [pair for pair in pairs if tuple(pair) != boxed]
-    model = filter.model
-    referee = Referee(model.plant, model.scene_graph, [kept])
-    nearest, seen = np.inf, set()
-    folded = 2.4 * np.array([0.0, kept[0] == "l0", 1.0, kept[0] == "l1"])
-    for k in range(400):
-        wanted = folded * np.sin(0.01 * k)
-        command = filter(wanted)
-        assert np.isnan(command.report.clearance)
-        nearest = min(nearest, referee.distances(command.q).min())
-        seen.add(command.report.pair)
-    assert FLOOR - 1e-8 < nearest < 0.02 and seen == {None, tuple(kept)}
+def test_cylinders_and_ellipsoids_are_kept_apart_by_hulls_about_them():
+    for shape in (
+        '<cylinder radius="0.05" length="0.1"/>',
+        '<drake:ellipsoid a="0.05" b="0.04" c="0.06"/>',
+    ):
+        urdf = chain_urdf("zzzz", shapes=(CAPSULE,), extra="").replace(
+            f"<geometry>{CAPSULE}</geometry>", f"<geometry>{shape}</geometry>"
+        )
+        model = make_model(urdf, [], pairs=[["l0", "l2"], ["l1", "l3"]])
+        filter = SafetyFilter(model, 0.01)
+        nearest, seen = np.inf, set()
+        folded = 2.4 * np.array([0.0, 1.0, 1.0, 1.0])
+        for k in range(400):
+            command = filter(folded * np.sin(0.01 * k))
+            nearest = min(nearest, model.signed_distances(command.q).min())
+            seen.add(command.report.pair)
+        assert FLOOR - 1e-6 < nearest < 0.02 and len(seen) > 1
 
 
 def test_prescribed_joints_are_joints_of_the_filter():
@@ -545,7 +542,7 @@ def test_the_pairs_left_out_of_a_way_keep_what_is_claimed(arm):
         points, centres = place_ends(q, q + x, robot, balls)
         bend = 0.125 * curvature(x, balls)
         rows, low = near_on_way(centres, points, bend, 0.03, robot.pairs.value, balls)
-        near = set(model.pairs.pair_of_shapes[model.pairs.closed_rows[rows]].tolist())
+        near = set(model.pairs.pair_of_shapes[rows].tolist())
         others = [k for k in range(len(model.pairs)) if k not in near]
         left_out += len(others)
         assert low >= 0.03

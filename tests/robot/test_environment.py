@@ -194,7 +194,7 @@ def described(folder, **changes) -> str:
 def test_distances_to_a_mesh_are_drakes_to_boxes_in_its_place(tmp_path):
     robot = load_robot_description(described(tmp_path))
     model = ControlModel.FromDescription(robot, [Task(frame="tip")])
-    assert not model.pairs.not_examined and len(model.pairs.closed_rows) == 4
+    assert len(model.pairs.pair_of_shapes) == 4
     boxes = "".join(
         f"<collision name='c{k}'><origin xyz='{x} {y} {z}'/><geometry><box size='{s}'/>"
         "</geometry></collision>"

@@ -1,4 +1,4 @@
-"""What the admission cannot bound is never said to be clear."""
+"""Paths of every shape are bounded, and plants that cannot be are refused."""
 
 import numpy as np
 import pytest
@@ -28,17 +28,9 @@ def first_admission(shapes, pairs) -> tuple[ControlModel, np.ndarray]:
     return model, answer.admission
 
 
-@pytest.mark.parametrize("shapes", [(CYLINDER,), (CAPSULE, CYLINDER)])
-def test_a_pair_with_another_shape_is_not_examined(shapes) -> None:
-    model, admission = first_admission(shapes, [["l0", "l2"], ["l1", "post"]])
-    assert model.pairs.not_examined == (("l0", "l2"), ("l1", "post"))
-    assert np.isfinite(admission[:2]).all() and np.isnan(admission[2:]).all()
-
-
-@pytest.mark.parametrize("shapes", [(CAPSULE,), (BOX,), (BOX, CAPSULE)])
-def test_capsules_spheres_and_boxes_are_examined(shapes) -> None:
-    model, admission = first_admission(shapes, [["l2", "post"]])
-    assert model.pairs.not_examined == ()
+@pytest.mark.parametrize("shapes", [(CAPSULE,), (BOX, CYLINDER), (CYLINDER,)])
+def test_paths_of_every_shape_are_bounded(shapes) -> None:
+    _, admission = first_admission(shapes, [["l2", "post"]])
     assert admission[3] == 1.0 and 0.0 < admission[2] < 1.0
 
 

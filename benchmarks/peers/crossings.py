@@ -132,9 +132,10 @@ def entries(cases: Sequence[str], **more: dict) -> list[Entry]:
 def best_errors(figures: dict[str, list[Figures]]) -> list[float]:
     """Of each motion the least error of all *peers* that hold there [m], or NaN."""
     peers = [figures[peer.name] for peer in PEERS if peer.name in figures]
+    count = len(next(iter(figures.values())))
     return [
-        min((f.error for f in at if f.holds), default=np.nan)
-        for at in zip(*peers, strict=True)
+        min((each[i].error for each in peers if each[i].holds), default=np.nan)
+        for i in range(count)
     ]
 
 

@@ -28,6 +28,8 @@ _TORQUE_PERIOD = 1e-3
 # coming. A short one asks of motors what they do not have; a long one stops far from
 # obstacles.
 _BRAKING_TIMES = 2.5
+# T of a filter of joint commands [s].
+T_OF_COMMANDS = _BRAKING_TIMES / 30.0
 # T with a plan [s], but so many periods at least, for the theorem asks for one. It is
 # short since a plan sees obstacles coming: a robot may be near them at speed.
 _PLANNED_T, _PLANNED_PERIODS = 0.012, 1.6
@@ -366,9 +368,24 @@ class LookaheadParameters(SafetyParameters, Shared):
         Raises:
             ScenarioError: names the field, its value and what it may be.
         """
+        self.check_safety()
+        where = "controller.nominal"
+        if self.plans:
+            where = "controller.period: of joints that the motion prescribes"
+        self.gains.check_gains(where, self.period)
+        _ = self._smoothness
+        if self.balance is not None:
+            self.balance.validate()
+        for name in ("preview", "smoothness"):
+            if self.nominal is not None and getattr(self, name) is not None:
+                raise ScenarioError(
+                    f"controller.{name}: there is a plan only without controller."
+                    "nominal; leave one of them out"
+                )
+
+    def check_safety(self) -> None:
+        """Checks what does not follow tasks; raises as `validate`."""
         self._check_shared()
-        if self.nominal is not None:
-            self.nominal.check_gains("controller.nominal", self.period)
         check_numbers(
             "controller",
             self,
@@ -391,7 +408,6 @@ class LookaheadParameters(SafetyParameters, Shared):
                     f"controller.tracking_errors.{joint}: {error} must be finite, and "
                     "not negative"
                 )
-        _ = self._smoothness
         if self.margin <= SLACK:
             raise ScenarioError(
                 f"controller.margin: {self.margin} m must be more than {SLACK} m, "
@@ -402,14 +418,6 @@ class LookaheadParameters(SafetyParameters, Shared):
                 f"controller.margin: {self.margin} m must be less than {_INFLUENCE} m: "
                 "pairs that are farther apart hold nothing back"
             )
-        if self.balance is not None:
-            self.balance.validate()
-        for name in ("preview", "smoothness"):
-            if self.nominal is not None and getattr(self, name) is not None:
-                raise ScenarioError(
-                    f"controller.{name}: there is a plan only without controller."
-                    "nominal; leave one of them out"
-                )
         if self.period > self.T:
             raise ScenarioError(
                 f"controller.period: {self.period:g} s must be at most the braking "

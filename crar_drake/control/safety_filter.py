@@ -19,7 +19,11 @@ from numpy.typing import ArrayLike
 
 from crar_drake.control.constraints import Braking, RobotConstraints
 from crar_drake.control.obstacles import ObstacleFilter, Obstacles
-from crar_drake.control.parameters import LookaheadParameters, SafetyParameters
+from crar_drake.control.parameters import (
+    T_OF_COMMANDS,
+    LookaheadParameters,
+    SafetyParameters,
+)
 from crar_drake.errors import InputError, ModelError, ScenarioError, nearest
 from crar_drake.law.joint_command import JointCommand, all_finite
 from crar_drake.law.motors import Motors
@@ -195,10 +199,10 @@ class SafetyFilter:
         gains = LookaheadParameters(
             period=period, effort_limits=effort_limits, **vars(parameters)
         )
-        if gains.braking_time is None and period > 0.0:
-            gains = replace(gains, braking_time=gains.longest_T)
+        if gains.braking_time is None:
+            gains = replace(gains, braking_time=T_OF_COMMANDS)
         with self._refusing():
-            gains.validate()
+            gains.check_safety()
         self.parameters = gains
         self.model = model = _joint_model(robot, effort_limits)
         self._period = float(period)

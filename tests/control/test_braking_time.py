@@ -11,7 +11,14 @@ import pytest
 from exact_loop import follow
 from pydrake.multibody.tree import MultibodyForces
 
-from crar_drake import ControlModel, load_robot_description, position_tasks
+from crar_drake import (
+    ControlLaw,
+    ControlModel,
+    Obstacles,
+    SafetyFilter,
+    load_robot_description,
+    position_tasks,
+)
 from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.judging.referee import Referee
 
@@ -113,3 +120,72 @@ def test_over_the_time_that_is_told_braking_is_clear_and_within_the_limits(
     assert slower > 5
     # What was admitted is done: nothing of it is clipped, not even by rounding.
     assert max(each.torque_limit[1] for each in answers) == 0.0
+
+
+# Starts of an arm at up to 8 rad/s: the braking path over 83 ms penetrates, but not
+# that over 17 or 28 ms.
+FAST_STARTS = (4, 7, 47)
+
+
+def fast_start(arm: SafetyFilter, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    rng, n = np.random.default_rng(seed), len(arm.joint_names)
+    q = arm.model.rest_positions() + rng.uniform(-0.6, 0.6, n)
+    return q, rng.uniform(-8.0, 8.0, n)
+
+
+def nearest(arm: SafetyFilter, v: np.ndarray, **told) -> tuple[float, list[float]]:
+    """The smallest distance while it is to keep a velocity, and T of each step."""
+    distances, times = [], []
+    for k in range(60):
+        command = arm(v=v, **(told if k else {}))
+        distances.append(arm.model.signed_distances(command.q).min())
+        times.append(command.report.T)
+    return min(distances), times
+
+
+@pytest.fixture(scope="module")
+def arm() -> SafetyFilter:
+    return SafetyFilter("obstacle_arm", PERIOD)
+
+
+@pytest.mark.parametrize("seed", FAST_STARTS)
+def test_it_does_not_grow_since_an_obstacle_appears(arm, seed):
+    """50 m away; among obstacles it is 83 ms, once that path is clear."""
+    q, v = fast_start(arm, seed)
+    arm.reset(q, v)
+    far = Obstacles([[50.0, 0.0, 0.0]], 0.1, 0.0, ("far",))
+    distance, times = nearest(arm, v, obstacles=far)
+    assert times[0] < 0.03 and times[1] < 0.05
+    assert distance > 3.9e-3
+
+
+@pytest.mark.parametrize("beyond", [-1e-6, 1e-6])
+@pytest.mark.parametrize("seed", FAST_STARTS)
+def test_a_joint_that_rests_beyond_its_limit_does_not_lengthen_it(arm, seed, beyond):
+    q, v = fast_start(arm, seed)
+    q[-1], v[-1] = arm.model.upper[-1] + beyond, 0.0
+    arm.reset(q, v)
+    wanted = v.copy()
+    wanted[-1] = -0.1
+    distance, times = nearest(arm, wanted)
+    assert times[0] < 0.03
+    assert distance > 3.9e-3
+
+
+def test_lost_targets_ask_no_motor_for_more_while_prescribed_joints_brake(model):
+    """The waist moves at 0.5 m/s, and brakes along."""
+    law = ControlLaw(model, PARAMETERS)
+    q, tasks = model.rest_positions(), model.tasks_at(model.rest_positions())
+    v = np.zeros(model.n + model.n_p)
+    v[model.prescribed] = 0.5
+    motors = np.isfinite(law.effort_limits)
+    for k in range(40):
+        prescribed = np.concatenate((q[model.prescribed], v[model.prescribed], 0.0 * v))
+        prescribed = prescribed[: 3 * model.n_p]
+        lost = k >= 10
+        found = law.step(q, v, np.nan * tasks if lost else tasks, prescribed)
+        assert found.torque_limit[1] == 0.0, k
+        use = np.abs(found.actuation[motors]) / law.effort_limits[motors]
+        assert use.max() <= 1.0
+        q, v = np.split(found.position_command, [len(q)])
+    assert np.abs(v).max() < 0.1

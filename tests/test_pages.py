@@ -71,8 +71,9 @@ def test_every_public_name_is_documented(name):
         for parameter in inspect.signature(thing).parameters:
             assert re.search(rf"\b{parameter}\b", thing.__doc__), parameter
         return
+    inherited = "\n".join(each.__doc__ or "" for each in thing.__mro__[:-1])
     for field in dataclasses.fields(thing) if dataclasses.is_dataclass(thing) else ():
-        assert re.search(rf"\b{field.name}\b", thing.__doc__), field.name
+        assert re.search(rf"\b{field.name}\b", inherited), field.name
     for method, member in vars(thing).items():
         member = getattr(member, "__func__", getattr(member, "fget", None) or member)
         if inspect.isfunction(member) and not method.startswith("_"):

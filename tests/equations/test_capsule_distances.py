@@ -335,67 +335,39 @@ def test_the_normal_is_the_distances_derivative():
     np.testing.assert_allclose(rate[unique], expected[unique], atol=2e-5)
 
 
-@pytest.mark.parametrize("others", [False, True])
-def test_the_nearest_shapes_of_each_watched_pair(others):
-    """Two configurations; of one watched pair two capsules are near each other, of the
-    second another two or what was asked elsewhere, of the third a single one."""
+def test_an_answer_that_the_closed_form_refutes_is_not_taken():
+    """Of each pair of shapes what is asked counts, unless it is too large; of a hull
+    about a shape what is asked alone; and of the nearest pair of each watched pair."""
     rng = np.random.default_rng(4)
-    K, starts = 2, np.arange(4)
-    points = rng.normal(size=(K, 16, 3))  # of four pairs a's axes, then b's
-    radius_a, radius_b = rng.uniform(0.0, 0.1, (2, 4))
-    u, v = points[:, 4:8], points[:, 12:]
-    closed = [
-        capsule_distances(
-            points[k, :4],
-            points[k, :4] + u[k],
-            radius_a,
-            points[k, 8:12],
-            points[k, 8:12] + v[k],
-            radius_b,
-        )
-        for k in range(K)
-    ]
-    asked = rng.normal(size=(K, 7))
-    asked[:, 0] = [closed[0][0][2] - 0.1, closed[1][0][2] + 0.1]
-    expected = []
-    for k in range(K):
-        shapes = [(closed[k][0][i], closed[k][1][i], closed[k][2][i]) for i in starts]
-        elsewhere = (asked[k, 0], asked[k, 1:4], asked[k, 4:])
-        second = [elsewhere, shapes[2]] if others else [shapes[2]]
-        for pair in (shapes[:2], second, shapes[3:]):
-            expected.append(min(pair, key=lambda shape: shape[0]))
-
-    in_points = np.concatenate([starts + 16 * k for k in range(K)])
-    length_a, length_b = (np.linalg.norm(x, axis=2).ravel() for x in (u, v))
-    # The shape pairs of each configuration stand in the order of the watched pairs.
-    order, members = [], []
-    for k in range(K):
-        row = [0, 1, 4, 2, 3] if others else [0, 1, 2, 3]
-        order += [4 * k + i if i < 4 else 4 * K + k for i in row]
-        first = len(row) * k
-        pair = [[0, 1], [2, 3], [4, 4]] if others else [[0, 1], [2, 2], [3, 3]]
-        members += [[first + i for i in entry] for entry in pair]
+    count = 6
+    points = rng.normal(size=(1, 4 * count, 3))  # a's axes, b's, and their vectors
+    a, b, u, v = points[0].reshape(4, count, 3)
+    radius_a, radius_b = rng.uniform(0.0, 0.1, (2, count))
+    exact = capsule_distances(a, a + u, radius_a, b, b + v, radius_b)
+    asked = rng.normal(size=(count, 7))
+    late = np.array([1e-3, 5e-5, -1e-3, 1e-3, 0.05, np.nan])
+    asked[:, 0] = exact[0] + late
+    about = np.array([False, False, False, True, False, False])
+    starts = np.arange(count)
+    length_a, length_b = np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1)
     pairs = ShapePairs(
-        start_a=in_points,
-        start_b=in_points + 8,
-        vector_a=in_points + 4,
-        vector_b=in_points + 12,
-        sizes=capsule_sizes(
-            length_a, np.tile(radius_a, K), length_b, np.tile(radius_b, K)
-        ),
-        shapes=np.arange(4 * K),
-        order=np.array(order),
-        members=np.array(members),
+        start_a=starts,
+        start_b=starts + count,
+        vector_a=starts + 2 * count,
+        vector_b=starts + 3 * count,
+        sizes=capsule_sizes(length_a, radius_a, length_b, radius_b),
+        shapes=starts,
+        order=np.where(about, -1, starts),
+        members=np.array([[0, 1], [2, 3], [4, 5]]),
         moves=np.zeros((3, 1)),
-        **dict(zip(("hull_a", "hull_b", "hulls"), no_hulls(4 * K), strict=True)),
+        **dict(zip(("hull_a", "hull_b", "hulls"), no_hulls(count), strict=True)),
     )
-    d, normal, p_a = nearest_of_pairs(
-        points, asked if others else np.zeros((0, 7)), pairs
-    )
-    for found, column in zip(
-        (d, normal, p_a), zip(*expected, strict=True), strict=True
-    ):
-        np.testing.assert_allclose(found, np.array(column), rtol=1e-12, atol=1e-14)
-    # Each of the first two watched pairs has a choice, and not always the same one.
-    if others:
-        assert d[1] == asked[0, 0] and d[4] != asked[1, 0]
+    found = nearest_of_pairs(points, asked, pairs)
+    plain = nearest_of_pairs(points, np.zeros((0, 7)), pairs)
+    taken = [asked[i, 0] if i in (1, 2, 3) else exact[0][i] for i in range(count)]
+    for k, members in enumerate(pairs.members):
+        best = min(members, key=lambda i: taken[i])
+        assert found[0][k] == taken[best]
+        of = asked[best, 1:4] if best in (1, 2, 3) else exact[1][best]
+        np.testing.assert_array_equal(found[1][k], of)
+        assert plain[0][k] == exact[0][members].min()

@@ -17,7 +17,13 @@ def main() -> int:
     try:
         from crar_drake.commands import main as run
 
-        return run()
+        code = run()
+        if code == 130:
+            # What Drake was in the middle of may be torn down in the wrong order.
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
+        return code
     except (KeyboardInterrupt, ImportError) as error:
         if not _came_of_ctrl_c(error):
             raise

@@ -35,7 +35,7 @@ def boxing(experiment: str, period: float, duration: float) -> Scenario:
 
 def arm() -> Scenario:
     shipped = load_scenario("obstacle_arm")
-    controller = replace(shipped.controller, period=5e-3)
+    controller = LookaheadParameters(period=5e-3)
     # In this time the straight way leads into the post.
     return replace(shipped, controller=controller, duration=3.2, log_period=1e-3)
 

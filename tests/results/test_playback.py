@@ -177,7 +177,7 @@ def test_near_pairs_end_on_the_surfaces(log, page):
     plant_context = workspace.plant_context
     model.plant.SetPositions(plant_context, log.q[100])
     query = model.scene_graph.get_query_output_port().Eval(
-        workspace.scene_graph_context_of(plant_context)
+        workspace.scene_graph_context
     )
     for point, link in ((a, "left_hand"), (b, "right_hand")):
         shapes = model.plant.GetCollisionGeometriesForBody(

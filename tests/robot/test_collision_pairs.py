@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, Capsule, Cylinder, QueryObject, Sphere
+from pydrake.geometry import Box, Capsule, Cylinder, Ellipsoid, QueryObject, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
+from scipy.spatial import ConvexHull
 from small_robots import CAPSULE, chain_urdf, make_model, random_state
 
 from crar_drake.errors import ModelError
@@ -31,8 +32,23 @@ def test_axis_of_a_sphere_is_a_point():
     assert axis.p_B1[0] == 0.1
 
 
-def test_a_cylinder_has_no_axis():
-    assert shape_axis(Cylinder(1, 1), np.eye(4)[:3]) is None
+@pytest.mark.parametrize("shape", [Cylinder(0.3, 1.0), Ellipsoid(0.3, 0.2, 0.5)])
+def test_what_is_round_is_within_a_hull_that_is_hardly_larger(shape):
+    axis = shape_axis(shape, np.eye(4)[:3])
+    assert axis.round
+    faces = ConvexHull(axis.hull.corners).equations
+    rng = np.random.default_rng(0)
+    n = rng.normal(size=(2000, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    if isinstance(shape, Cylinder):
+        angle = np.arctan2(n[:, 1], n[:, 0])
+        rim = 0.3 * np.column_stack((np.cos(angle), np.sin(angle)))
+        surface = np.column_stack((rim, 0.5 * np.sign(n[:, 2])))
+    else:
+        surface = [0.3, 0.2, 0.5] * n
+    assert (surface @ faces[:, :3].T + faces[:, 3]).max() <= 1e-12
+    reach = np.linalg.norm(axis.hull.corners, axis=1).max()
+    assert reach < 1.15 * np.linalg.norm(surface, axis=1).max()
 
 
 def test_a_box_is_the_hull_of_its_corners():

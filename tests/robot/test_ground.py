@@ -133,9 +133,16 @@ def test_bad_grounds_are_refused() -> None:
         RobotDescription(ground=np.nan, pairs=[["a", "ground"]]).validate()
     with pytest.raises(ModelError, match=r"no pair names 'ground'.*\[left_foot"):
         RobotDescription(ground=0.0, pairs=[["a", "b"]]).validate()
+
+
+def test_a_cylinder_stands_on_a_slope_by_the_hull_about_it() -> None:
     urdf = chain_urdf("zy", shapes=('<cylinder radius="0.05" length="0.2"/>',))
-    with pytest.raises(ModelError, match="'l1' is watched against a half space; give"):
-        grounded(urdf, SLOPE, pairs=[["l1", "ground"]])
+    model = grounded(urdf, SLOPE, pairs=[["l1", "ground"]])
+    capsule = chain_urdf("zy", shapes=('<cylinder radius="0.049" length="0.196"/>',))
+    smaller = grounded(capsule, SLOPE, pairs=[["l1", "ground"]])
+    q = model.rest_positions()
+    d, more = (each.signed_distances(q)[0] for each in (model, smaller))
+    assert d < more < d + 0.005
 
 
 def test_a_half_space_on_a_link_is_refused() -> None:

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from pydrake.geometry import HalfSpace
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
-from small_robots import add_plant
+from small_robots import CAPSULE, add_plant, chain_urdf
 
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
@@ -34,4 +34,15 @@ def grounded(
     plant.Finalize()
     return ControlModel.FromPlant(
         plant, scene_graph, RobotDescription(**description), tasks
+    )
+
+
+def above_ground() -> ControlModel:
+    """A prescribed rail carries capsules and spheres, above and into a slope."""
+    return grounded(
+        chain_urdf("zyzyz", rail="y", limits=(-1.2, 1.3), shapes=(CAPSULE, SPHERE)),
+        RigidTransform(RollPitchYaw(0.2, -0.3, 0.0), [0.0, 0.0, -0.25]),
+        [Task(frame="tip", kind="pose", orientation_weight=0.4)],
+        prescribed_joints={"rail": "hold"},
+        pairs=[["l2", "ground"], ["ground", "l4"], ["l4", "l0"]],
     )

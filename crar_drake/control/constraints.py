@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from crar_drake.control.obstacles import ObstacleFilter, Regions
-from crar_drake.control.parameters import LookaheadParameters
+from crar_drake.control.parameters import LEAST_PERIODS, LookaheadParameters
 from crar_drake.control.plausible import fastest_asked
 from crar_drake.control.tracking_error import (
     check_rest_posture,
@@ -31,9 +31,6 @@ from crar_drake.law.step import SCALED, Constraint, State, Step, step
 from crar_drake.robot.balls import find_balls
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
-
-# A step is at least so many times shorter than T.
-_PERIODS = 1.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +77,7 @@ class RobotConstraints:
         self.period = float(gains.period)
         self.plant_step = min(float(plant_step), self.period)
         choices = {self.T, *(float(x) for x in others)}
-        least = _PERIODS * self.period
+        least = LEAST_PERIODS * self.period
         self._choices = sorted(x for x in choices if x >= least or x == self.T)
         plant = model.plant
         errors = joint_errors(gains, model)
@@ -95,12 +92,10 @@ class RobotConstraints:
             losses = distance_losses(errors, reaches)
             check_rest_posture(robot, losses, gains.safety_distance, model)
             robot = thickened(robot, losses)
-        self._robot = robot
-        of_shapes = model.pairs.pair_of_shapes
-        self._approach = approach
+        self._robot, self._approach = robot, approach
         self.pairs = Pairs(
-            *(self._robot, hold(reaches), find_balls(model, losses)),
-            [model.pairs.names[i] for i in of_shapes],
+            *(robot, hold(reaches), find_balls(model, losses)),
+            [model.pairs.names[i] for i in model.pairs.pair_of_shapes],
             *(float(gains.safety_distance), approach),
         )
         speeds = gains.speed_limits(model)[model.controlled]

@@ -51,7 +51,6 @@ _ROUNDING = 1e-9
 # A robot that is off its command by less is where it was told to be [rad or m, per
 # second]: what was shown of the command holds, for the safety distance has it to spare.
 _AS_TOLD = 1e-6
-_NO_REPORT = np.full(4, np.nan)
 _STATUS = {
     status: np.array([status])
     for status in (
@@ -66,9 +65,10 @@ class ControlLaw:
 
     Attributes:
         model: kinematics, distances, dynamics.
-        parameters: gains and modes.
+        parameters: of the law.
         effort_limits: (nu,) see `Shared.limits_of_efforts` [Nm or N].
         speed_limits: (nv,) see `LookaheadParameters.speed_limits` [rad/s or m/s].
+        has_posture: whether the null space is drawn to a nominal posture.
         target_names: what errors call tasks, prescribed positions and nominal posture.
     """
 
@@ -100,7 +100,7 @@ class ControlLaw:
         self._has_limits = np.isfinite(model.upper - model.lower)
         self.speed_limits = gains.speed_limits(model)
         self.effort_limits = gains.limits_of_efforts(model)
-        self._some_efforts = np.flatnonzero(np.isfinite(self.effort_limits))
+        self._limits_efforts = bool(np.isfinite(self.effort_limits).any())
         self._safe = gains.constraints == "lookahead"
         self._plausible = PlausibleStates(model, self._period)
         self._constraints = self._motors = None
@@ -114,9 +114,9 @@ class ControlLaw:
                 self._plant_step,
             )
             self._motors = self._constraints.motors
-        elif len(self._some_efforts):
+        elif self._limits_efforts:
             self._motors = Motors(model, self.effort_limits)
-        self._with_posture = stiffness > 0.0
+        self.has_posture = stiffness > 0.0
         weights = model.row_weights if model.weighs_rows else _NOTHING
         tasks = TaskGains(
             *(float(of_paper.K), float(of_paper.Kp), float(of_paper.velocity_gain)),
@@ -204,7 +204,7 @@ class ControlLaw:
             (n,) positions of the controlled joints [rad or m]; (0,) if the parameter
             the posture gain is 0.
         """
-        if not self._with_posture:
+        if not self.has_posture:
             return _NOTHING
         model = self.model
         here = q[model.controlled_positions]
@@ -250,7 +250,7 @@ class ControlLaw:
             ("q", q, model.plant.num_positions()),
             ("v", v, model.plant.num_velocities()),
         )
-        given = self._with_posture and nominal_posture is not None
+        given = self.has_posture and nominal_posture is not None
         targets = _of_sizes(
             ("tasks", tasks, model.layout.size),
             ("prescribed", prescribed, 3 * model.n_p),
@@ -422,7 +422,7 @@ class ControlLaw:
         posture = targets.posture
         if not len(posture):
             posture = self.default_posture(q)
-        if self._with_posture and blend[0] < 1.0:
+        if self.has_posture and blend[0] < 1.0:
             # As the targets, lest the first step be a jerk.
             here = q[self.model.controlled_positions]
             posture = here + blend[0] * (posture - here)
@@ -493,7 +493,7 @@ class ControlLaw:
             _, vdot = model.in_plant(at, taken)
         actuation = model.inverse_dynamics(workspace, vdot)
         excess = 0.0
-        if len(self._some_efforts):
+        if self._limits_efforts:
             actuation, excess = clip_torque(actuation, self.effort_limits)
         obstacle = None
         if before.regions is not None:
@@ -592,7 +592,7 @@ class ControlLaw:
         )
         actuation = model.inverse_dynamics(workspace, solved.acceleration)
         torque_limit = solved.torque_limit
-        if len(self._some_efforts):
+        if self._limits_efforts:
             actuation, excess = clip_torque(actuation, self.effort_limits)
             torque_limit = np.array([torque_limit[0], excess])
         solution = replace(solved, actuation=actuation, torque_limit=torque_limit)
@@ -628,11 +628,6 @@ class ControlLaw:
     def _sent(self, before: Memory, solution: Solution) -> tuple[np.ndarray, ...]:
         """`Memory.sent` after a step with this solution."""
         return (solution.acceleration, *before.sent)[: self._num_sent]
-
-    @property
-    def has_posture(self) -> bool:
-        """Whether the null space is drawn to a nominal posture."""
-        return self._with_posture
 
     @property
     def brakes_without_targets(self) -> bool:

@@ -32,7 +32,7 @@ _BRAKING_TIMES = 2.5
 T_OF_COMMANDS = _BRAKING_TIMES / 30.0
 # T with a plan [s], but so many periods at least, for the theorem asks for one. It is
 # short since a plan sees obstacles coming: a robot may be near them at speed.
-_PLANNED_T, _PLANNED_PERIODS = 0.012, 1.6
+_PLANNED_T, LEAST_PERIODS = 0.012, 1.6
 # A longer T is at most so many times the next shorter one. With 2.6, a torso can find
 # the path of one not clear and motors too weak for the one before, and lags.
 _RATIO = 1.7
@@ -171,7 +171,9 @@ class PaperGains:
     beta: float = 2.0
     limit_share: float | None = None
 
-    def check_gains(self, where: str, period: float) -> None:
+    def check_gains(
+        self, where: str, period: float, remedy: str = "lower the gains, or "
+    ) -> None:
         """Raises ScenarioError: a gain is out of range, or the feedback diverges.
 
         A task's error obeys x'' = -P x - D x', with D = Kv + Gv and P = Kp + Gv K
@@ -186,6 +188,7 @@ class PaperGains:
         Args:
             where: the way to these, for messages.
             period: of the controller [s].
+            remedy: what to do besides choosing another period, for messages.
         """
         check_choice(where, self, "level", LEVELS)
         check_choice(where, self, "metric", METRICS)
@@ -205,7 +208,7 @@ class PaperGains:
         raise ScenarioError(
             f"{where}: with a velocity gain Kv + Gv = {D:g}/s and a position gain "
             f"Kp + Gv K = {P:g}/s^2 the feedback diverges at a control period of {h:g} "
-            f"s; lower the gains, or choose a period below {longest:.2g} s"
+            f"s; {remedy}choose a period below {longest:.2g} s"
         )
 
     @property
@@ -369,10 +372,12 @@ class LookaheadParameters(SafetyParameters, Shared):
             ScenarioError: names the field, its value and what it may be.
         """
         self.check_safety()
-        where = "controller.nominal"
         if self.plans:
+            # Nobody can write these gains.
             where = "controller.period: of joints that the motion prescribes"
-        self.gains.check_gains(where, self.period)
+            self.gains.check_gains(where, self.period, remedy="")
+        else:
+            self.gains.check_gains("controller.nominal", self.period)
         _ = self._smoothness
         if self.balance is not None:
             self.balance.validate()
@@ -450,7 +455,7 @@ class LookaheadParameters(SafetyParameters, Shared):
         if self.braking_time is not None:
             return self.braking_time
         if self.plans and self.balance is None:
-            return max(_PLANNED_T, _PLANNED_PERIODS * self.period)
+            return max(_PLANNED_T, LEAST_PERIODS * self.period)
         return self.longest_T
 
     @property
@@ -459,7 +464,7 @@ class LookaheadParameters(SafetyParameters, Shared):
         if self.braking_time is not None:
             return self.braking_time
         longest = _BRAKING_TIMES / self.gains.Gv
-        return max(longest, _PLANNED_PERIODS * self.period) if self.plans else longest
+        return max(longest, LEAST_PERIODS * self.period) if self.plans else longest
 
     @property
     def _smoothness(self) -> float:

@@ -49,8 +49,7 @@ class Reaches(NamedTuple):
     b: np.ndarray  # (Np, nv) both 0 where the joint does not move the shape alone
     farthest: np.ndarray  # (nv, Np') a + b
     above: np.ndarray  # (nv, nv) 1 where joint j carries joint i, i = j not included
-    rows: np.ndarray  # (Np',) the row of each pair among those of `State.d`
-    own: np.ndarray  # (Np',) and among those above, which may be more
+    own: np.ndarray  # (Np',) the row of each pair among those above
     slides: np.ndarray  # (K,) the joints that slide between a turn and a shape
     extents: np.ndarray  # (K,) how far from zero they are at most [m]
     a_by: np.ndarray  # (K, Np, nv) what a metre of each adds to `a` [1/rad]
@@ -111,7 +110,6 @@ def extended(extents: np.ndarray, reaches: Held) -> Held:
             b,
             farthest,
             of.above,
-            of.rows,
             of.own,
             of.slides,
             extents,
@@ -400,25 +398,24 @@ def path_bounds(
 
 @compiled
 def gradients_at(
-    start: np.ndarray, x: np.ndarray, bounds: Bounds, r: Robot, reaches: Held
+    start: np.ndarray, x: np.ndarray, bounds: Bounds, r: Robot
 ) -> tuple[np.ndarray, np.ndarray]:
     """Eq. (20) of the pairs that are not clear, where they are not: (k,), (k, nv).
 
     Args:
-        r, reaches: as in `path_bounds`.
+        r: as in `path_bounds`.
 
     Returns:
         The pairs, and their gradients [m/rad or 1].
     """
-    pairs, of = r.pairs.value, reaches.value
+    pairs = r.pairs.value
     failed = np.flatnonzero(bounds.at >= 0.0)
     g, points = np.zeros((len(failed), len(x))), np.zeros((len(r.first), 3))
     for k in range(len(failed)):
         some = failed[k : k + 1]
         there = start + bounds.at[some[0]] * x
         shapes = pairs.shapes[some]
-        moves = pairs.moves[of.rows[some]]
-        _, found = distances_at(points, there, shapes, moves, r)
+        _, found = distances_at(points, there, shapes, pairs.moves[some], r)
         put(g[k], 0, found[0])
     return failed, g
 

@@ -1,4 +1,4 @@
-"""The accelerations nearest to others that keep the rows of balance, see (B5)."""
+"""The norm in which a step of a robot on its soles is changed the least, see (B5)."""
 
 import numpy as np
 
@@ -9,12 +9,7 @@ from crar_drake.equations.kinematics import (
     place_points,
     task_jacobian,
 )
-from crar_drake.equations.one_sided import one_sided_nearest_in
-from crar_drake.equations.vectors import cholesky, gram, some_columns, times
-
-# A row weighs so much more than an acceleration [1/m of the weight's arm], and so much
-# a joint's bound.
-_ROW_WEIGHT = 1e6
+from crar_drake.equations.vectors import cholesky, gram, some_columns
 
 
 @compiled
@@ -41,39 +36,3 @@ def correction_norm(q: np.ndarray, damping: float, robot: Held) -> np.ndarray:
         norm[i, i] += damping**2
         trace += norm[i, i] - damping**2
     return cholesky(norm * (n / trace))
-
-
-@compiled
-def nearest_balanced(
-    root: np.ndarray,
-    wanted: np.ndarray,
-    g: np.ndarray,
-    b: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    far: float,
-) -> np.ndarray:
-    """The accelerations (n,) nearest to others for which g . q_ddot <= b and each is
-    within its bounds.
-
-    Args:
-        root: (n, n) of `correction_norm`.
-        wanted: (n,) the others.
-        g, b: (C, n), (C,) of the weight [m].
-        lower, upper: (n,) each joint's bounds.
-        far: rows that are farther from binding at the others are left out [m].
-    """
-    n = len(wanted)
-    short = times(g, wanted) - b
-    near = np.flatnonzero(short > -far)
-    rows = np.zeros((len(near) + 2 * n, n))
-    desired = np.empty(len(rows))
-    for i in range(len(near)):
-        desired[i] = -_ROW_WEIGHT * b[near[i]]
-        for j in range(n):
-            rows[i, j] = -_ROW_WEIGHT * g[near[i], j]
-    for j in range(n):
-        i = len(near) + 2 * j
-        rows[i, j], desired[i] = _ROW_WEIGHT, _ROW_WEIGHT * lower[j]
-        rows[i + 1, j], desired[i + 1] = -_ROW_WEIGHT, -_ROW_WEIGHT * upper[j]
-    return one_sided_nearest_in(root, wanted, rows, desired)

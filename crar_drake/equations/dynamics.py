@@ -11,6 +11,7 @@ import numpy as np
 
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.kinematics import link_poses
+from crar_drake.equations.wrenches import turn_body
 
 
 class Dynamics(NamedTuple):
@@ -27,6 +28,18 @@ class Dynamics(NamedTuple):
     # (nv,) springs: k q - slack [Nm/rad or N/m], [Nm or N]
     stiffness: np.ndarray
     slack: np.ndarray
+
+
+@compiled
+def _joint_motion(R, p, turn, slide, S):
+    """Writes S (6,), zeros before: how a joint moves what passes the world's origin."""
+    for k in range(3):
+        for j in range(3):
+            S[k] += turn[j] * R[j, k]
+            S[3 + k] += slide[j] * R[j, k]
+    for k in range(3):
+        m, n = (k + 1) % 3, (k + 2) % 3
+        S[3 + k] += p[m] * S[n] - p[n] * S[m]
 
 
 @compiled
@@ -47,19 +60,11 @@ def joint_torques(
     # acceleration A and the wrench F on it.
     S, V, A, F = np.zeros((4, N, 6))
     own, c, pull = np.empty(6), np.empty(3), np.empty(3)
-    own_w, own_a, spin, turn = np.empty((4, 3))
+    turns, spin, change = np.empty((2, 3)), np.empty(3), np.empty(3)
     for i in range(1, N):
         R, p = X[4 * i : 4 * i + 3], X[4 * i + 3]  # R transposed
         up, at = tree.parent[i], masses.velocity[i]
-        for k in range(3):
-            along = 0.0
-            for j in range(3):
-                S[i, k] += masses.turn[i, j] * R[j, k]
-                along += masses.slide[i, j] * R[j, k]
-            S[i, 3 + k] = along
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            S[i, 3 + k] += p[m] * S[i, n] - p[n] * S[i, m]
+        _joint_motion(R, p, masses.turn[i], masses.slide[i], S[i])
         for k in range(6):
             own[k] = v[at] * S[i, k]
             V[i, k] = V[up, k] + own[k]
@@ -84,26 +89,13 @@ def joint_torques(
             m, n = (k + 1) % 3, (k + 2) % 3
             a = A[i, 3 + k] + A[i, m] * c[n] - A[i, n] * c[m]
             F[i, 3 + k] = mass * (a + V[i, m] * own[n] - V[i, n] * own[m])
-        # In the frame's axes, I w and I alpha + w x I w.
-        for j in range(3):
-            own_w[j], own_a[j] = 0.0, 0.0
-            for k in range(3):
-                own_w[j] += R[j, k] * V[i, k]
-                own_a[j] += R[j, k] * A[i, k]
-        for j in range(3):
-            spin[j], turn[j] = 0.0, 0.0
-            for k in range(3):
-                spin[j] += masses.inertia[i, j, k] * own_w[k]
-                turn[j] += masses.inertia[i, j, k] * own_a[k]
-        for j in range(3):
-            m, n = (j + 1) % 3, (j + 2) % 3
-            own[j] = turn[j] + own_w[m] * spin[n] - own_w[n] * spin[m]
+        turn_body(R, masses.inertia[i], V[i, :3], A[i, :3], turns, spin, change)
         for k in range(3):
             m, n = (k + 1) % 3, (k + 2) % 3
             F[i, k] = c[m] * F[i, 3 + n] - c[n] * F[i, 3 + m]
             pull[k] = dynamics.heavy[i] * p[k]
             for j in range(3):
-                F[i, k] += own[j] * R[j, k]
+                F[i, k] += change[j] * R[j, k]
                 pull[k] += dynamics.heavy_moment[i, j] * R[j, k]
         for k in range(3):
             m, n = (k + 1) % 3, (k + 2) % 3
@@ -137,13 +129,7 @@ def inertia_matrix(q: np.ndarray, dynamics: Dynamics) -> np.ndarray:
     turned, force = np.empty((3, 3)), np.empty(6)
     for i in range(1, N):
         R, p = X[4 * i : 4 * i + 3], X[4 * i + 3]  # R transposed
-        for k in range(3):
-            for j in range(3):
-                S[i, k] += masses.turn[i, j] * R[j, k]
-                S[i, 3 + k] += masses.slide[i, j] * R[j, k]
-        for k in range(3):
-            a, b = (k + 1) % 3, (k + 2) % 3
-            S[i, 3 + k] += p[a] * S[i, b] - p[b] * S[i, a]
+        _joint_motion(R, p, masses.turn[i], masses.slide[i], S[i])
         mass = masses.mass[i]
         if mass == 0.0:
             continue

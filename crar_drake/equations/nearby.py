@@ -154,7 +154,6 @@ def some_reaches(reaches: Held, rows: np.ndarray) -> Held:
             of.b,
             some_columns(of.farthest, rows),
             of.above,
-            np.arange(len(rows)),
             of.own[rows],
             of.slides,
             of.extents,

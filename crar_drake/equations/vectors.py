@@ -55,19 +55,6 @@ def is_finite(x: np.ndarray) -> bool:
 
 
 @compiled
-def sum_rows(A: np.ndarray) -> np.ndarray:
-    """The sum of each row of A (m, n), (m,).
-
-    Of a sum along an axis Numba makes thirty functions.
-    """
-    s = np.zeros(A.shape[0])
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            s[i] += A[i, j]
-    return s
-
-
-@compiled
 def sum_columns(A: np.ndarray) -> np.ndarray:
     """The sum of each column of A (m, n), (n,)."""
     s = np.zeros(A.shape[1])

@@ -55,6 +55,39 @@ class Wrenches(NamedTuple):
 
 
 @compiled
+def turn_body(
+    R: np.ndarray,
+    inertia: np.ndarray,
+    w: np.ndarray,
+    alpha: np.ndarray,
+    own: np.ndarray,
+    spin: np.ndarray,
+    change: np.ndarray,
+) -> None:
+    """Writes spin = I w and change = I alpha + w x I w, (3,) each, in the body's axes.
+
+    Args:
+        R: (3, 3) from the world's axes to the body's.
+        inertia: (3, 3) I about its centre, in its axes.
+        w, alpha: (3,), (3,) how it turns, in the world.
+        own: (2, 3) to compute in.
+    """
+    for j in range(3):
+        own[0, j], own[1, j] = 0.0, 0.0
+        for k in range(3):
+            own[0, j] += R[j, k] * w[k]
+            own[1, j] += R[j, k] * alpha[k]
+    for j in range(3):
+        spin[j], change[j] = 0.0, 0.0
+        for k in range(3):
+            spin[j] += inertia[j, k] * own[0, k]
+            change[j] += inertia[j, k] * own[1, k]
+    for j in range(3):
+        m, n = (j + 1) % 3, (j + 2) % 3
+        change[j] += own[0, m] * spin[n] - own[0, n] * spin[m]
+
+
+@compiled
 def wrenches(q: np.ndarray, x: np.ndarray, masses: Masses) -> Wrenches:
     """The terms of (B1) by a pass from the base outwards (Featherstone, Rigid Body
     Dynamics Algorithms, 2008, chapter 5), about the world's origin.
@@ -72,7 +105,7 @@ def wrenches(q: np.ndarray, x: np.ndarray, masses: Masses) -> Wrenches:
     alpha, a = np.zeros((N, 3)), np.zeros((N, 3))
     weight, turning, momentum = np.zeros(6), np.zeros(6), np.zeros(6)
     s, t, c, v, acc = np.empty((5, 3))
-    own_w, own_alpha, spin, change = np.empty((4, 3))
+    own, spin, change = np.empty((2, 3)), np.empty(3), np.empty(3)
     moves = np.zeros(N, dtype=np.bool_)
     for i in range(N):
         R, p = X[4 * i : 4 * i + 3], X[4 * i + 3]  # R transposed
@@ -116,20 +149,7 @@ def wrenches(q: np.ndarray, x: np.ndarray, masses: Masses) -> Wrenches:
             m, n = (k + 1) % 3, (k + 2) % 3
             acc[k] = a[i, k] + alpha[i, m] * c[n] - alpha[i, n] * c[m]
             acc[k] += w[i, m] * v[n] - w[i, n] * v[m]
-        # In the frame's axes, I w and I alpha + w x I w.
-        for j in range(3):
-            own_w[j], own_alpha[j] = 0.0, 0.0
-            for k in range(3):
-                own_w[j] += R[j, k] * w[i, k]
-                own_alpha[j] += R[j, k] * alpha[i, k]
-        for j in range(3):
-            spin[j], change[j] = 0.0, 0.0
-            for k in range(3):
-                spin[j] += masses.inertia[i, j, k] * own_w[k]
-                change[j] += masses.inertia[i, j, k] * own_alpha[k]
-        for j in range(3):
-            m, n = (j + 1) % 3, (j + 2) % 3
-            change[j] += own_w[m] * spin[n] - own_w[n] * spin[m]
+        turn_body(R, masses.inertia[i], w[i], alpha[i], own, spin, change)
         for k in range(3):
             m, n = (k + 1) % 3, (k + 2) % 3
             momentum[k] += mass * (c[m] * v[n] - c[n] * v[m])

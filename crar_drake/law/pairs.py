@@ -263,7 +263,7 @@ def check_pairs(
         if worst >= 0:
             if not correct:
                 return False, clearance, worst, *none
-            failed, g = gradients_at(start, x, bounds, r, reaches)
+            failed, g = gradients_at(start, x, bounds, r)
             d, at = bounds.d[failed], bounds.at[failed]
             missing = (keep[failed] + _SPARE - d) / (k_0 + at * k_1)
             moved = np.zeros(nv)

@@ -243,7 +243,7 @@ def pair_rows_ahead(
         (C, N n) rows and (C,) the least of each that is asked for.
     """
     r, balls = shapes.robot.value, shapes.balls.value
-    pairs, of = r.pairs.value, shapes.reaches.value
+    pairs = r.pairs.value
     N, n = len(x), r.n
     still, points = np.zeros(len(balls.radius)), np.zeros((len(r.first), 3))
     all_rows, all_least = np.zeros((0, N * n)), np.zeros(0)
@@ -253,7 +253,7 @@ def pair_rows_ahead(
         some, _ = near_on_way(centres, ends, still, _NEAR, pairs, balls)
         if not len(some):
             continue
-        which, moves = pairs.shapes[some], pairs.moves[of.rows[some]]
+        which, moves = pairs.shapes[some], pairs.moves[some]
         d, g = distances_at(points, q + x[i], which, moves, r)
         now, _ = distances_at(points, q, which, moves, r)
         near = np.flatnonzero(d < _NEAR)

@@ -59,7 +59,6 @@ class LiveScene:
         above = np.array([GROUND in names for names in live.model.pairs.names], bool)
         self._above_ground = above & (not above.all())
         self._positions = live.model.layout.position_entries.ravel()
-        self._workspace = simulated.MakeWorkspace()
         _, points = self.robot.pose_links(live.positions())
         ways = live.setup.motion.tasks_at
         times = np.linspace(0.0, live.duration, 60)
@@ -82,7 +81,7 @@ class LiveScene:
         # Feet are always near the ground, as in `SimulationLog.between_links`.
         distances = np.where(self._above_ground & (distances >= 0), np.inf, distances)
         targets = live.wanted()
-        here = live.setup.simulated.tasks_at(live.positions(), self._workspace)
+        here = live.setup.simulated.tasks_at(live.positions())
         reached = here[self._positions].reshape(-1, 3)
         admission = parts["admission"]
         return {

@@ -188,7 +188,6 @@ class WatchedPairs:
                         row += 1
             members.append(list(range(start, row)))
         self.shape_axes = np.array(axis_a, dtype=int), np.array(axis_b, dtype=int)
-        self._blank = np.zeros((row, 7))
         # Rectangular: a pair with fewer shape pairs repeats its first one.
         most = max(map(len, members), default=1)
         self.shape_pairs = np.array(
@@ -295,7 +294,8 @@ class WatchedPairs:
 
     def ask_distances(self, query: QueryObject) -> np.ndarray:
         """`ask` for the distances alone, several times as fast; the rest is 0."""
-        ask, answers = query.ComputeSignedDistancePairClosestPoints, self._blank.copy()
+        ask = query.ComputeSignedDistancePairClosestPoints
+        answers = np.zeros((len(self._shapes), 7))
         answers[:, 0] = [
             ask(a, b).distance if point is None else _height(query, a, point, b)[0]
             for a, b, point in self._shapes

@@ -349,17 +349,6 @@ class ControlModel:
         H = self.plant.CalcMassMatrix(workspace.plant_context)
         return H[np.ix_(self.controlled, self.controlled)]
 
-    def effort_per_acceleration(self, workspace: Workspace) -> np.ndarray:
-        """d tau / d vdot of `inverse_dynamics`, (nu, nv) [kg m^2 or kg].
-
-        Args:
-            workspace: at the state of the last `evaluate`.
-        """
-        H = self.plant.CalcMassMatrix(workspace.plant_context)
-        if self._is_damped:
-            H = H + self._implicit_damping_matrix
-        return np.ascontiguousarray(self._actuators.efforts(H))
-
     def rest_positions(self) -> np.ndarray:
         """Positions (nq,) of the description's rest posture."""
         plant = self.plant
@@ -384,19 +373,16 @@ class ControlModel:
         q[self.controlled_positions] += by
         return q
 
-    def tasks_at(self, q: np.ndarray, workspace: Workspace | None = None) -> np.ndarray:
+    def tasks_at(self, q: np.ndarray) -> np.ndarray:
         """The targets that the robot fulfils where it is, at rest.
 
         Args:
             q: (nq,) positions of the whole plant.
-            workspace: of this model, left at rest there; by default a new one.
 
         Returns:
             (layout.size,) [x_d; v_d; a_d], see `TaskLayout`, with v_d = a_d = 0.
         """
-        zero = np.zeros(self.plant.num_velocities())
-        workspace = workspace or self.MakeWorkspace()
-        state = self.evaluate(workspace, np.asarray(q, dtype=float), zero)
+        state = self.task_state(np.array(q, dtype=float), self._still)
         return self.layout.pack(state.R, state.p, q=state.q[self.layout.rows.joints])
 
     def _set_joints(self) -> None:
@@ -445,7 +431,6 @@ class ControlModel:
                 self._implicit_damping[start : start + joint.num_velocities()] = (
                     plant.time_step() * joint.default_damping_vector()
                 )
-        self._implicit_damping_matrix = np.diag(self._implicit_damping)
         self._is_damped = bool(self._implicit_damping.any())
 
     def _set_tasks(self, tasks: Sequence[Task]) -> None:

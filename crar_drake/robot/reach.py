@@ -69,7 +69,6 @@ def find_reaches(
         np.ascontiguousarray((reach_a + reach_b).T),
         joints.above(order),
         np.arange(len(reach_a)),
-        np.arange(len(reach_a)),
         np.array([places[joints.velocities[k][0]] for k in longer], dtype=np.int64),
         extents[longer],
         np.ascontiguousarray(a_by),

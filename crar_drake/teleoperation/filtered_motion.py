@@ -105,7 +105,9 @@ class FilteredMotion:
         )
         command = self._memory.command
         report = command.report
-        self.model.measure(self._workspace, q, v)
+        self.model.plant.SetPositionsAndVelocities(
+            self._workspace.plant_context, np.concatenate((q, v))
+        )
         return Moved(
             status="braking" if report.how == "braking" else "tracking",
             admitted="nominal" if report.how == "braking" else report.how,

@@ -87,7 +87,6 @@ class SafeMotion:
             self.law.among  # noqa: B018 (made here, since it takes a while)
         except ScenarioError as error:
             self.no_obstacles = str(error)
-        self._workspace = model.MakeWorkspace()
         self._stand(start_positions(model, {}))
         self._warm_up()
         if start:
@@ -112,7 +111,7 @@ class SafeMotion:
 
     def where(self) -> np.ndarray:
         """(layout.size,) [x; 0; 0] of the tasks' points now."""
-        return self.model.tasks_at(self.q, self._workspace)
+        return self.model.tasks_at(self.q)
 
     @property
     def at_rest(self) -> bool:

@@ -151,7 +151,7 @@ class Keeper:
     @property
     def num_rows(self) -> int:
         """Number of pairs of shapes that are watched."""
-        return len(self._reaches.value.rows)
+        return len(self._reaches.value.own)
 
     def margins(self, q: np.ndarray) -> Margins:
         """What a motion (T, n) of the controlled joints keeps.

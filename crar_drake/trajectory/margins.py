@@ -55,7 +55,7 @@ def find_margins(
     """
     frames = len(q)
     whole = configurations(model, model.rest_positions(), q)
-    everything = np.full((frames, len(reaches.value.rows)), np.inf)
+    everything = np.full((frames, len(reaches.value.own)), np.inf)
     d = nearby_distances(whole, everything, model.robot_ahead)
     nearest = d.argmin(axis=1)
     distance = d[np.arange(frames), nearest]

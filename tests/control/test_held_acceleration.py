@@ -327,7 +327,8 @@ def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits(tar
         solution = law.step(q, v, target)
         model.measure(workspace, q, v)
         still = model.inverse_dynamics(workspace, np.zeros(n))
-        inertia = model.effort_per_acceleration(workspace)
+        unit = [model.inverse_dynamics(workspace, e) for e in np.eye(n)]
+        inertia = np.array(unit).T - still[:, None]
         T = solution.T[0]
         limits = model.lower, model.upper, fastest
         bounds = velocity_bounds(q, v, *limits, T, STEP, STEP)

@@ -17,10 +17,11 @@ from crar_drake.equations.balance import (
     examine_step,
     next_state,
 )
-from crar_drake.equations.balance_correction import correction_norm, nearest_balanced
+from crar_drake.equations.balance_correction import correction_norm
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.wrenches import wrench_slopes, wrenches
 from crar_drake.errors import ModelError
+from crar_drake.law.projection import project
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.soles import ground_cone, masses_on_soles, shrunk, sole_corners
 from crar_drake.robot.standing import standing_description
@@ -267,7 +268,10 @@ def test_the_nearest_accelerations_are_those_of_a_quadratic_program(robot):
         inside = rng.normal(0.0, 1.0, n)
         b = g @ inside + rng.exponential(1.0, 4)
         lower, upper = inside - 3.0, inside + 3.0
-        found = nearest_balanced(root, wanted, g, b, lower, upper, np.inf)
+        rows = np.concatenate((-g, np.eye(n), -np.eye(n)))
+        least = np.concatenate((-b, lower, -upper))
+        hard = np.full(len(least), 1e12)
+        found = project(wanted, rows, least, hard, lower, upper, root)
         assert (g @ found <= b + 1e-5).all()
         assert (found >= lower - 1e-5).all() and (found <= upper + 1e-5).all()
         expected = minimize(

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from grounded_robots import SPHERE, grounded
+from grounded_robots import above_ground
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from moving_shapes import MovingShapes, shapes_of_every_joint
 from pydrake.geometry import SceneGraph, Sphere
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
     CoulombFriction,
@@ -21,7 +21,6 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import DiagramBuilder
 from sliding_balls import BOTH, among_posts
-from small_robots import CAPSULE, chain_urdf
 
 from crar_drake.equations.admission import (
     gradients_at,
@@ -41,24 +40,12 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
-from crar_drake.robot.task import Task
 
 T = 2.5 / 30.0  # as long a braking path as there is by default [s]
 
 
 def shipped(robot: str) -> ControlModel:
     return ControlModel.FromDescription(load_robot_description(robot), [])
-
-
-def above_ground() -> ControlModel:
-    """A prescribed rail carries capsules and spheres, above and into a slope."""
-    return grounded(
-        chain_urdf("zyzyz", rail="y", limits=(-1.2, 1.3), shapes=(CAPSULE, SPHERE)),
-        RigidTransform(RollPitchYaw(0.2, -0.3, 0.0), [0.0, 0.0, -0.25]),
-        [Task(frame="tip", kind="pose", orientation_weight=0.4)],
-        prescribed_joints={"rail": "hold"},
-        pairs=[["l2", "ground"], ["ground", "l4"], ["l4", "l0"]],
-    )
 
 
 @pytest.fixture(
@@ -440,7 +427,7 @@ def test_gradients_are_those_of_the_distances_where_they_fail(
     bounds = path_bounds(
         start, x, 0.0 * x, level, asked, shapes.robot, shapes.held, False
     )
-    failed, g = gradients_at(start, x, bounds, shapes.robot, shapes.held)
+    failed, g = gradients_at(start, x, bounds, shapes.robot)
     np.testing.assert_array_equal(failed, np.flatnonzero(bounds.at >= 0.0))
     for pair, gradient in zip(failed, g, strict=True):
         at = start + bounds.at[pair] * x

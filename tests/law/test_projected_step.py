@@ -5,11 +5,10 @@ Distances are the referee's, at dense samples of the braking paths.
 
 import numpy as np
 import pytest
-from grounded_robots import SPHERE, grounded
+from grounded_robots import above_ground
 from moving_shapes import MovingShapes
-from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder
-from small_robots import CAPSULE, add_plant, chain_urdf, make_model
+from small_robots import add_plant, chain_urdf, make_model
 
 from crar_drake import EXPERIMENTS, PaperGains, position_tasks
 from crar_drake.control.constraints import Braking
@@ -51,17 +50,6 @@ def test_the_papers_law_goes_under_the_projection(period):
 
 
 # --- steps from clear states lead to clear states ----------------------------------
-
-
-def above_ground() -> ControlModel:
-    """A prescribed rail carries capsules and spheres, above and into a slope."""
-    return grounded(
-        chain_urdf("zyzyz", rail="y", limits=(-1.2, 1.3), shapes=(CAPSULE, SPHERE)),
-        RigidTransform(RollPitchYaw(0.2, -0.3, 0.0), [0.0, 0.0, -0.25]),
-        [Task(frame="tip", kind="pose", orientation_weight=0.4)],
-        prescribed_joints={"rail": "hold"},
-        pairs=[["l2", "ground"], ["ground", "l4"], ["l4", "l0"]],
-    )
 
 
 def on_a_rail() -> ControlModel:

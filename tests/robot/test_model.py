@@ -293,7 +293,7 @@ def test_two_actuators_of_one_joint_share_its_effort():
         - model.plant.CalcGravityGeneralizedForces(context)
     )
     np.testing.assert_allclose(model.plant.MakeActuationMatrix() @ tau, needed)
-    change = model.effort_per_acceleration(workspace) @ vdot
+    change = model.effort_of_joints @ model.plant.CalcMassMatrix(context) @ vdot
     np.testing.assert_allclose(tau - still, change, atol=1e-12)
 
 

@@ -22,9 +22,9 @@ from benchmarks.options import (
 )
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.commands.options import positive
-from crar_drake.control.parameters import LookaheadParameters, with_constraints
 from crar_drake.errors import InputError
 from crar_drake.judging.referee import Referee
+from crar_drake.law.parameters import LookaheadParameters, with_constraints
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.run import FAILURES, RunResult, run_scenario
 from crar_drake.simulation.disturbances import Disturbances, Push, TargetJump

@@ -22,9 +22,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from benchmarks.page import Table
-from crar_drake.control.parameters import SafetyParameters
-from crar_drake.control.safety_filter import SafetyFilter
 from crar_drake.judging.referee import Referee
+from crar_drake.law.parameters import SafetyParameters
+from crar_drake.law.safety_filter import SafetyFilter
 from crar_drake.robot.description import add_robot, load_robot_description
 from crar_drake.run import RunResult
 from crar_drake.simulation.disturbances import Push, ScaleMasses, applied_force

@@ -21,8 +21,8 @@ import numba
 import numpy as np
 
 from benchmarks.page import Benchmark, Table, run
-from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.safety_filter import FilterCommand, SafetyFilter
+from crar_drake.law.obstacles import Obstacles
+from crar_drake.law.safety_filter import FilterCommand, SafetyFilter
 
 STEPS = 3000
 # Each policy: by how much joints swing [rad or m] at 0.2 to 1 Hz, and noise on that.

@@ -23,7 +23,7 @@ from rich.progress import track
 from benchmarks.page import Benchmark, Table, run
 from benchmarks.step_robots import LINKS_PER_ARM, ON_A_LINK, link_urdf, sphere_urdf
 from benchmarks.step_timing import fit_growth
-from crar_drake.control.safety_filter import SafetyFilter
+from crar_drake.law.safety_filter import SafetyFilter
 from crar_drake.motion.catalogue import motion_files
 from crar_drake.motion.options import MotionOptions
 from crar_drake.references.clean_file import FileCleaner

@@ -3,7 +3,7 @@
 import argparse
 
 from crar_drake.commands.options import positive
-from crar_drake.control.parameters import LookaheadParameters, PaperGains
+from crar_drake.law.parameters import LookaheadParameters, PaperGains
 
 
 def seed_number(text: str) -> int:

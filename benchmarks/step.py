@@ -29,7 +29,7 @@ from benchmarks.step_compiling import measure_compiling
 from benchmarks.step_robots import PERIOD, make_robot, make_samples
 from benchmarks.step_timing import Step, fit_growth, samples_of_run, time_side_by_side
 from benchmarks.sweep.command import list_of, one_of
-from crar_drake.control.parameters import CONSTRAINTS, PaperParameters
+from crar_drake.law.parameters import CONSTRAINTS, PaperParameters
 from crar_drake.results import RECORDING
 from crar_drake.results.playback import record_log
 from crar_drake.run import make_log, run_scenario

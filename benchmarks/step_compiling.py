@@ -60,8 +60,8 @@ def measure_process(
 def measure_here(constraints: str) -> dict[str, float]:
     """Wall and processor time [s] of making model and law of the main command's
     scenario, ready for the first step. Imports do not count."""
-    from crar_drake.control.law import ControlLaw
-    from crar_drake.control.parameters import with_constraints
+    from crar_drake.law.control_law import ControlLaw
+    from crar_drake.law.parameters import with_constraints
     from crar_drake.simulation.diagram import PrepareScenario
     from crar_drake.simulation.scenario import load_scenario
 

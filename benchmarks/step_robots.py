@@ -12,8 +12,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from benchmarks.step_timing import Samples
-from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import Parameters
+from crar_drake.law.control_law import ControlLaw
+from crar_drake.law.parameters import Parameters
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task

@@ -8,8 +8,8 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import InputPort
 
-from crar_drake.control.controller import CrarController
-from crar_drake.control.parameters import Parameters
+from crar_drake.law.controller import CrarController
+from crar_drake.law.parameters import Parameters
 from crar_drake.robot.model import ControlModel
 from crar_drake.run import RunResult
 

@@ -9,25 +9,6 @@ from typing import TYPE_CHECKING, Any
 from crar_drake.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from crar_drake.control.controller import CrarController
-    from crar_drake.control.law import ControlLaw
-    from crar_drake.control.obstacles import Obstacles
-    from crar_drake.control.parameters import (
-        BalanceParameters,
-        LookaheadParameters,
-        PaperGains,
-        PaperParameters,
-        SafetyParameters,
-    )
-    from crar_drake.control.records import Solution
-    from crar_drake.control.safety_filter import (
-        FilterCommand,
-        FilterReport,
-        SafetyFilter,
-    )
-    from crar_drake.control.safety_filter_system import SafetyFilterSystem
-    from crar_drake.control.standing_law import StandingLaw
-    from crar_drake.equations.tasks import TaskLayout
     from crar_drake.errors import (
         CrarError,
         InputError,
@@ -35,6 +16,25 @@ if TYPE_CHECKING:
         MotionError,
         ScenarioError,
     )
+    from crar_drake.law.control_law import ControlLaw
+    from crar_drake.law.controller import CrarController
+    from crar_drake.law.obstacles import Obstacles
+    from crar_drake.law.parameters import (
+        BalanceParameters,
+        LookaheadParameters,
+        PaperGains,
+        PaperParameters,
+        SafetyParameters,
+    )
+    from crar_drake.law.records import Solution
+    from crar_drake.law.safety_filter import (
+        FilterCommand,
+        FilterReport,
+        SafetyFilter,
+    )
+    from crar_drake.law.safety_filter_system import SafetyFilterSystem
+    from crar_drake.law.standing_law import StandingLaw
+    from crar_drake.law.tasks import TaskLayout
     from crar_drake.results.log import SimulationLog
     from crar_drake.robot.description import RobotDescription, load_robot_description
     from crar_drake.robot.model import ControlModel
@@ -56,33 +56,33 @@ _MODULES = {
     "AddCrarController": "simulation.diagram",
     "AddRobot": "simulation.diagram",
     "AddStandingController": "simulation.diagram",
-    "BalanceParameters": "control.parameters",
-    "ControlLaw": "control.law",
+    "BalanceParameters": "law.parameters",
+    "ControlLaw": "law.control_law",
     "ControlModel": "robot.model",
-    "CrarController": "control.controller",
+    "CrarController": "law.controller",
     "CrarError": "errors",
     "EXPERIMENTS": "robot.task",
-    "FilterCommand": "control.safety_filter",
-    "FilterReport": "control.safety_filter",
+    "FilterCommand": "law.safety_filter",
+    "FilterReport": "law.safety_filter",
     "InputError": "errors",
-    "LookaheadParameters": "control.parameters",
+    "LookaheadParameters": "law.parameters",
     "MakeCrarDiagram": "simulation.diagram",
     "ModelError": "errors",
     "MotionError": "errors",
-    "PaperGains": "control.parameters",
-    "PaperParameters": "control.parameters",
-    "Obstacles": "control.obstacles",
+    "PaperGains": "law.parameters",
+    "PaperParameters": "law.parameters",
+    "Obstacles": "law.obstacles",
     "RobotDescription": "robot.description",
-    "SafetyParameters": "control.parameters",
-    "SafetyFilter": "control.safety_filter",
-    "SafetyFilterSystem": "control.safety_filter_system",
+    "SafetyParameters": "law.parameters",
+    "SafetyFilter": "law.safety_filter",
+    "SafetyFilterSystem": "law.safety_filter_system",
     "Scenario": "simulation.scenario",
     "ScenarioError": "errors",
     "SimulationLog": "results.log",
-    "Solution": "control.records",
-    "StandingLaw": "control.standing_law",
+    "Solution": "law.records",
+    "StandingLaw": "law.standing_law",
     "Task": "robot.task",
-    "TaskLayout": "equations.tasks",
+    "TaskLayout": "law.tasks",
     "add_contact_ground": "simulation.contact_ground",
     "load_robot_description": "robot.description",
     "load_scenario": "simulation.scenario",

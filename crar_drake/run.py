@@ -15,9 +15,9 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram
 from pydrake.systems.primitives import VectorLogSink
 
-from crar_drake.equations.compilation import when_compiling
 from crar_drake.errors import CrarError, ScenarioError, WriteError
 from crar_drake.files import check_file, turn_to_write, whole_file, write_whole
+from crar_drake.law.compilation import when_compiling
 from crar_drake.motion.report import inspect
 from crar_drake.resources import install_command
 from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY

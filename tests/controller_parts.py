@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Selector, SelectorParams
 
-from crar_drake.control.controller import CrarController
+from crar_drake.law.controller import CrarController
 
 
 def part_port(

@@ -3,8 +3,8 @@
 import numpy as np
 
 from crar_drake import ControlModel
-from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import LookaheadParameters
+from crar_drake.law.control_law import ControlLaw
+from crar_drake.law.parameters import LookaheadParameters
 
 
 def follow(model: ControlModel, parameters: LookaheadParameters, targets: np.ndarray):

@@ -18,9 +18,9 @@ import numpy as np
 
 from benchmarks.adversary.judge import Judge
 from benchmarks.adversary.policies import POLICIES, Policy, Room
-from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.safety_filter import NOMINAL, SafetyFilter
 from crar_drake.judging.obstacle_judge import ObstacleJudge
+from crar_drake.law.obstacles import Obstacles
+from crar_drake.law.safety_filter import NOMINAL, SafetyFilter
 
 FASTEST = 2.0  # of people [m/s]
 INSTANTS = 4  # that are judged in each period

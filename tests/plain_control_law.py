@@ -13,8 +13,8 @@ from pydrake.geometry import Capsule, GeometryId, QueryObject
 from pydrake.multibody.tree import JacobianWrtVariable, RigidBody
 from scipy.spatial.transform import Rotation
 
-from crar_drake.control.parameters import PaperParameters
 from crar_drake.judging.referee_distances import capsule_distance
+from crar_drake.law.parameters import PaperParameters
 from crar_drake.robot.description import find_body, find_frame
 from crar_drake.robot.model import ControlModel
 

@@ -12,7 +12,7 @@ from pydrake.multibody.plant import (
 )
 from pydrake.systems.framework import DiagramBuilder
 
-from crar_drake.control.parameters import PaperParameters
+from crar_drake.law.parameters import PaperParameters
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task

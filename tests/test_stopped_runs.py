@@ -18,8 +18,8 @@ import pytest
 import crar_drake.results.plots
 import crar_drake.run
 from crar_drake.commands import main
-from crar_drake.control.law import ControlLaw
 from crar_drake.errors import CrarError, InputError, ScenarioError, WriteError
+from crar_drake.law.control_law import ControlLaw
 from crar_drake.results.log import SimulationLog
 from crar_drake.run import RunFailed, RunInterrupted, run_scenario
 from crar_drake.simulation.scenario import Scenario, load_scenario

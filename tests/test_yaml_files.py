@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from pydrake.common.yaml import yaml_load_typed
 
-from crar_drake.control.parameters import BalanceParameters, LookaheadParameters
 from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.law.parameters import BalanceParameters, LookaheadParameters
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot_import.choices import ImportChoices, load_choices
 from crar_drake.simulation.scenario import Scenario, load_scenario, parse_scenario

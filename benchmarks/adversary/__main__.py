@@ -38,9 +38,9 @@ from benchmarks.adversary.run import play_and_judge, run_case
 from benchmarks.options import seed_number
 from benchmarks.page import Benchmark, run
 from crar_drake.commands.options import count, positive
-from crar_drake.control.parameters import CONSTRAINTS
 from crar_drake.errors import CrarError, nearest
 from crar_drake.files import check_folder, sole_writer, write_whole
+from crar_drake.law.parameters import CONSTRAINTS
 
 WHOLE = "adversary.json"
 FOUND = "found"

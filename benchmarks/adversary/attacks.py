@@ -24,7 +24,8 @@ from benchmarks.adversary.targets import (
     steps,
     waves,
 )
-from crar_drake.control.parameters import (
+from crar_drake.errors import ScenarioError
+from crar_drake.law.parameters import (
     LEVELS,
     METRICS,
     LookaheadParameters,
@@ -32,7 +33,6 @@ from crar_drake.control.parameters import (
     PaperParameters,
     Parameters,
 )
-from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 
 GAINS = (0.25, 10.0)  # between which the gains are scaled

@@ -115,7 +115,7 @@ class Result:
 def law_digest() -> str:
     """Twelve digits that change with the source of the controller or of the attacks."""
     package, here = Path(crar_drake.__file__).parent, Path(__file__).parent
-    folders = [package / part for part in ("control", "equations", "law", "robot")]
+    folders = [package / part for part in ("law", "robot")]
     digest = hashlib.sha256()
     for folder in [*folders, here]:
         for path in sorted(folder.rglob("*.py")):

@@ -8,8 +8,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, LeafSystem
 
 from benchmarks.adversary.attacks import Episode
-from crar_drake.control.law import ControlLaw
 from crar_drake.errors import InputError
+from crar_drake.law.control_law import ControlLaw
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, Setup
 from crar_drake.simulation.scenario import Scenario

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.adversary import starts
 from benchmarks.adversary.drive import Drive
 from benchmarks.adversary.judge import Judge
-from crar_drake.control.safety_filter import NOMINAL, FilterCommand, SafetyFilter
+from crar_drake.law.safety_filter import NOMINAL, FilterCommand, SafetyFilter
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 

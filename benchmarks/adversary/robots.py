@@ -6,8 +6,8 @@ from pathlib import Path
 
 from benchmarks.adversary.judge import Judge
 from benchmarks.adversary.random_robots import KINDS, draw_robot
-from crar_drake.control.safety_filter import SafetyFilter
 from crar_drake.errors import CrarError, nearest
+from crar_drake.law.safety_filter import SafetyFilter
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks

@@ -12,12 +12,12 @@ from benchmarks.adversary.drive import Drive, drive_exact, drive_torque
 from benchmarks.adversary.judge import Verdict
 from benchmarks.adversary.policies import drive_filter
 from benchmarks.adversary.robots import Subject, load_subject
-from crar_drake.control.parameters import (
+from crar_drake.errors import ScenarioError
+from crar_drake.law.parameters import (
     LookaheadParameters,
     PaperGains,
     with_constraints,
 )
-from crar_drake.errors import ScenarioError
 
 DURATION = 1.0  # of an episode [s], but
 FEWEST_STEPS = 60  # at least

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.equations.tasks import TaskLayout
+from crar_drake.law.tasks import TaskLayout
 
 # A path is (p, v, a): a quantity (K, ...) over time and two derivatives.
 Path = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -7,8 +7,8 @@ import numpy as np
 from benchmarks.peers.driver import Guard, Problem, Spheres, main
 from benchmarks.peers.problem import describe
 from crar_drake import SafetyParameters, load_robot_description
-from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.safety_filter import SafetyFilter
+from crar_drake.law.obstacles import Obstacles
+from crar_drake.law.safety_filter import SafetyFilter
 
 
 class CrarGuard(Guard):

@@ -38,11 +38,11 @@ from benchmarks.peers.peers import ENVIRONMENTS, MARGIN, Peer, every
 from benchmarks.peers.problem import describe, write_problem
 from crar_drake import load_robot_description
 from crar_drake.commands.options import count
-from crar_drake.control.parameters import SafetyParameters
-from crar_drake.control.safety_filter import SafetyFilter
 from crar_drake.files import whole_file, write_whole
 from crar_drake.judging.obstacle_judge import ObstacleJudge
 from crar_drake.judging.referee import Referee
+from crar_drake.law.parameters import SafetyParameters
+from crar_drake.law.safety_filter import SafetyFilter
 
 ROBOT = "g1"
 PERIOD = 0.01  # [s]

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.robots.catalogue import Subject
-from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.errors import CrarError, ModelError
 from crar_drake.files import write_whole
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.judging.referee import Referee
+from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.results import LOG
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import summarize

@@ -19,7 +19,7 @@ from benchmarks.section_iv.plan import (
 from benchmarks.section_iv.simulate import Outcome
 from benchmarks.section_iv.snapshots import SnapshotRenderer
 from benchmarks.sweep.figures import clip_label
-from crar_drake.control.parameters import LEVELS
+from crar_drake.law.parameters import LEVELS
 from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_robot

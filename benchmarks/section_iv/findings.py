@@ -20,7 +20,7 @@ from benchmarks.section_iv.plan import (
 from benchmarks.section_iv.simulate import Outcome
 from benchmarks.sweep.cases import Result
 from benchmarks.sweep.figures import clip_label
-from crar_drake.control.parameters import LEVELS
+from crar_drake.law.parameters import LEVELS
 from crar_drake.results.log import SimulationLog
 
 SIGNIFICANT = 0.25

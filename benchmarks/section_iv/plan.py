@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from benchmarks.sweep.figures import clip_label
-from crar_drake.control.parameters import (
+from crar_drake.errors import CrarError
+from crar_drake.law.parameters import (
     LEVELS,
     LookaheadParameters,
     PaperParameters,
     Parameters,
 )
-from crar_drake.errors import CrarError
 from crar_drake.motion.catalogue import load_clip
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.scenario import Scenario

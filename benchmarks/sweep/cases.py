@@ -16,14 +16,14 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crar_drake.control.parameters import (
+from crar_drake.errors import CrarError, WriteError, nearest
+from crar_drake.files import sole_writer, write_whole
+from crar_drake.fresh_processes import given_or_fresh
+from crar_drake.law.parameters import (
     PaperParameters,
     Parameters,
     with_constraints,
 )
-from crar_drake.errors import CrarError, WriteError, nearest
-from crar_drake.files import sole_writer, write_whole
-from crar_drake.fresh_processes import given_or_fresh
 from crar_drake.simulation.scenario import Scenario, parse_scenario
 
 if TYPE_CHECKING:

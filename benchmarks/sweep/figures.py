@@ -9,7 +9,7 @@ from pathlib import PurePath
 import numpy as np
 
 from benchmarks.sweep.cases import Case, Result
-from crar_drake.control.parameters import CONSTRAINTS, LEVELS
+from crar_drake.law.parameters import CONSTRAINTS, LEVELS
 
 
 @dataclass(frozen=True)

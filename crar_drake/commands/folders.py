@@ -38,7 +38,7 @@ def files_bar(out: Path) -> Iterator[Callable[[int, int, FileResult], None]]:
 def frames_bar() -> Iterator[Callable[[int, int], None]]:
     """Yields a callback that draws how far a motion is, on stderr; says there if
     anything has to be compiled first."""
-    from crar_drake.equations.compilation import when_compiling
+    from crar_drake.law.compilation import when_compiling
 
     with (
         progress_bar() as bar,

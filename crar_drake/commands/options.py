@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 DEFAULT_SCENARIO = "dance"
 
-# The same as in crar_drake.robot.task and crar_drake.control.parameters, which take
+# The same as in crar_drake.robot.task and crar_drake.law.parameters, which take
 # long to import; a test compares them.
 EXPERIMENTS = ("wrists", "upper-body")
 LEVELS = ("velocity", "acceleration")

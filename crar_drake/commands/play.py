@@ -136,7 +136,7 @@ def _close(session: PlaySession, error: BaseException | None = None) -> None:
 
 
 def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
-    from crar_drake.control.parameters import with_constraints
+    from crar_drake.law.parameters import with_constraints
 
     override_motion(scenario, arguments)
     scenario.controller = with_constraints(scenario.controller, arguments.constraints)

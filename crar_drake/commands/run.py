@@ -196,7 +196,7 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
                 f"--{name}: {arguments.scenario} follows keyframes, not a motion"
             )
         setattr(scenario, name, value)
-    from crar_drake.control.parameters import with_constraints
+    from crar_drake.law.parameters import with_constraints
 
     if arguments.constraints is not None:
         scenario.controller = with_constraints(

@@ -121,7 +121,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
-    from crar_drake.equations.compilation import when_compiling
+    from crar_drake.law.compilation import when_compiling
     from crar_drake.run import ctrl_c
     from crar_drake.teleoperation.serving import make_server
     from crar_drake.teleoperation.target_stream import Gate

@@ -1,8 +1,27 @@
-"""One step of the law: a nominal, its projection, and the safety check.
+"""The law: a nominal, its projection, and the safety check; and its Drake systems.
 
-`step` is the idea. `pairs`, `limits`, `motors` and `spheres` are constraints,
-`joint_command` is a nominal. A constraint of one's own is a class with the methods of
-`Constraint`; `examples/own_constraint.py` has one.
+    step, projection            one step, from nominal and constraints
+    pairs, limits, motors,      constraints, a file each
+    spheres, ground
+    paper, plan, joint_command  nominals, a file each
+    constraints                 those of a robot; the braking time constant T
+    control_law, safety_filter  tasks, or joint commands, to safe accelerations
+    controller, safety_filter_system, standing_controller
+                                their Drake systems
+    parameters                  of all of them
+
+The paper's equations, indexed in `docs/theory/equations.md`:
+
+    tasks                   Eqs. (4)-(8), (11)
+    references              Eqs. (9), (14)
+    joint_limits            Eqs. (17), (18)
+    collisions              Eqs. (19)-(26)
+    composite_weight        Eqs. (27), (28)
+    weighted_inverse        Eqs. (16), (34)
+    resolved_acceleration   Eqs. (10), (12), (13), (15), (30)-(35)
+
+A constraint of one's own is a class with the methods of `Constraint`;
+`examples/own_constraint.py` has one.
 """
 
 from crar_drake.law.projection import Rows, hard_rows

@@ -12,15 +12,15 @@ Rows (B5): linear about what was examined, of each face of K that is near.
 
 import numpy as np
 
-from crar_drake.equations.balance import (
+from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.law.balance import (
     BalanceLaw,
     balance_excess,
     balance_level,
     balance_rows,
 )
-from crar_drake.equations.balance_correction import correction_norm
-from crar_drake.equations.compilation import hold
-from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.law.balance_correction import correction_norm
+from crar_drake.law.compilation import hold
 from crar_drake.law.projection import Rows, hard_rows, stacked
 from crar_drake.law.step import SafetyCheck, State
 from crar_drake.robot.model import ControlModel

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.compilation import compiled
+from crar_drake.law.compilation import compiled
 
 
 class JointCommand(NamedTuple):

@@ -12,9 +12,9 @@ comes back, outside of it how fast it may come near, (L7), if there is such a ra
 
 import numpy as np
 
-from crar_drake.equations.admission import velocity_bounds
-from crar_drake.equations.approach import Approach
-from crar_drake.equations.compilation import compiled
+from crar_drake.law.admission import velocity_bounds
+from crar_drake.law.approach import Approach
+from crar_drake.law.compilation import compiled
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
 

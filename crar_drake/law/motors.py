@@ -25,11 +25,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.compilation import Held, compiled, hold
-from crar_drake.equations.dynamics import inertia_matrix, joint_torques
-from crar_drake.equations.vectors import largest, times
+from crar_drake.law.compilation import Held, compiled, hold
+from crar_drake.law.dynamics import inertia_matrix, joint_torques
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
+from crar_drake.law.vectors import largest, times
 from crar_drake.robot.model import ControlModel
 
 # The share of a limit that braking may need in the next step [1]: the rest is for what

@@ -4,7 +4,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from crar_drake.equations.references import Targets
+from crar_drake.law.references import Targets
 from crar_drake.robot.workspace import Workspace
 
 

@@ -5,7 +5,7 @@ to q_s = q + T q_dot. A period on, the braking path is a part of this segment.
 
 A step s leads to q', and on to q'_s = q' + T q_dot' by (A1). It is safe if every pair
 keeps its distance on the way to q' and on the segment from q' to q'_s, which bounds
-show for the whole of both (`equations.admission`, (A3) to (A6)). Where the plant moves
+show for the whole of both (`law.admission`, (A3) to (A6)). Where the plant moves
 in steps of the period the two are one segment. A pair that is nearer than d_0 on the
 present braking path keeps the smallest distance that it has there, its *relaxed*
 distance: so nothing gets worse.
@@ -23,29 +23,29 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from crar_drake.equations.admission import (
+from crar_drake.law.admission import (
     ROUNDING,
     AdmissionGains,
     gradients_at,
     next_path,
     path_bounds,
 )
-from crar_drake.equations.approach import (
+from crar_drake.law.approach import (
     Approach,
     margin_curvature,
     pair_margins,
     pair_rates,
 )
-from crar_drake.equations.capsule_distances import nearest_of_pairs, nearest_points
-from crar_drake.equations.collisions import distance_gradient_about_origin
-from crar_drake.equations.compilation import Held, compiled, hold
-from crar_drake.equations.kinematics import joint_motion
-from crar_drake.equations.nearby import some_reaches, some_shapes
-from crar_drake.equations.path_balls import Balls, curvature, near_on_way
-from crar_drake.equations.vectors import times
+from crar_drake.law.capsule_distances import nearest_of_pairs, nearest_points
+from crar_drake.law.collisions import distance_gradient_about_origin
+from crar_drake.law.compilation import Held, compiled, hold
+from crar_drake.law.kinematics import joint_motion
+from crar_drake.law.nearby import some_reaches, some_shapes
+from crar_drake.law.path_balls import Balls, curvature, near_on_way
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.shapes import Shapes, near_segment, place_ends
 from crar_drake.law.step import SafetyCheck, State
+from crar_drake.law.vectors import times
 
 _NOTHING_ASKED = np.zeros((0, 7))
 # A correction aims so far above the distance that a pair must keep [m], since a row is

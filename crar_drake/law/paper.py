@@ -7,40 +7,40 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.collisions import (
+from crar_drake.law.collisions import (
     collision_gradient,
     collision_potential_slope,
     collision_proximity,
     collision_weights,
     pair_weights,
 )
-from crar_drake.equations.compilation import Held, compiled, hold
-from crar_drake.equations.composite_weight import composite_weights, inertia_weight
-from crar_drake.equations.handover import hand_over, take_over
-from crar_drake.equations.joint_limits import (
+from crar_drake.law.compilation import Held, compiled, hold
+from crar_drake.law.composite_weight import composite_weights, inertia_weight
+from crar_drake.law.handover import hand_over, take_over
+from crar_drake.law.joint_limits import (
     LimitPotential,
     joint_limit_weights,
     limit_gradient,
     limit_potential,
     limit_proximity,
 )
-from crar_drake.equations.kinematics import Measured, find_state, join_joints
-from crar_drake.equations.references import (
+from crar_drake.law.kinematics import Measured, find_state, join_joints
+from crar_drake.law.nominal import Nominal
+from crar_drake.law.references import (
     References,
     Targets,
     TaskGains,
     find_references,
 )
-from crar_drake.equations.resolved_acceleration import (
+from crar_drake.law.resolved_acceleration import (
     acceleration_level_acceleration,
     constrained_resolved_acceleration,
     constrained_velocity,
     null_space_motion,
     velocity_level_acceleration,
 )
-from crar_drake.equations.vectors import times
-from crar_drake.equations.weighted_inverse import damped_inverse, inverse_times
-from crar_drake.law.nominal import Nominal
+from crar_drake.law.vectors import times
+from crar_drake.law.weighted_inverse import damped_inverse, inverse_times
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
@@ -48,7 +48,7 @@ _NO_MATRIX = np.zeros((0, 0))
 
 
 class Gains(NamedTuple):
-    """The paper's numbers, see `control.parameters.PaperGains`."""
+    """The paper's numbers, see `law.parameters.PaperGains`."""
 
     damping: float  # lambda [m]
     Gv: float  # [1/s]

@@ -12,20 +12,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.approach import Approach
-from crar_drake.equations.compilation import Held, compiled, hold
-from crar_drake.equations.handover import hand_over, take_over
-from crar_drake.equations.kinematics import Measured, find_state
-from crar_drake.equations.one_sided import one_sided_nearest_in
-from crar_drake.equations.path_balls import near_on_way
-from crar_drake.equations.placed_shapes import distances_at
-from crar_drake.equations.references import (
+from crar_drake.law.approach import Approach
+from crar_drake.law.compilation import Held, compiled, hold
+from crar_drake.law.handover import hand_over, take_over
+from crar_drake.law.kinematics import Measured, find_state
+from crar_drake.law.nominal import Nominal
+from crar_drake.law.one_sided import one_sided_nearest_in
+from crar_drake.law.path_balls import near_on_way
+from crar_drake.law.placed_shapes import distances_at
+from crar_drake.law.references import (
     References,
     Targets,
     TaskGains,
     find_references,
 )
-from crar_drake.equations.vectors import (
+from crar_drake.law.shapes import Shapes, place_ends
+from crar_drake.law.vectors import (
     add_to_diagonal,
     cholesky,
     cholesky_solve,
@@ -37,8 +39,6 @@ from crar_drake.equations.vectors import (
     times,
     transposed_times,
 )
-from crar_drake.law.nominal import Nominal
-from crar_drake.law.shapes import Shapes, place_ends
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.compilation import compiled
-from crar_drake.equations.one_sided import one_sided_nearest, one_sided_nearest_in
+from crar_drake.law.compilation import compiled
+from crar_drake.law.one_sided import one_sided_nearest, one_sided_nearest_in
 
 # What a row weighs that is to hold: the norm of a step is of the order of 1, so that
 # what it gives way is not seen.

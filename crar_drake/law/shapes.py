@@ -4,16 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.kinematics import Robot, link_poses, place_points
-from crar_drake.equations.path_balls import Balls, curvature, near_on_way
+from crar_drake.law.compilation import Held, compiled
+from crar_drake.law.kinematics import Robot, link_poses, place_points
+from crar_drake.law.path_balls import Balls, curvature, near_on_way
 
 
 class Shapes(NamedTuple):
     """What pairs need of a robot; made by `pairs.Pairs`."""
 
     robot: Held  # of a `Robot` with a row for each pair of shapes in closed form
-    reaches: Held  # of `equations.admission.Reaches`
+    reaches: Held  # of `law.admission.Reaches`
     balls: Held  # of `Balls`
 
 

@@ -13,9 +13,9 @@ are evaded, (M5).
 
 import numpy as np
 
-from crar_drake.equations.approach import Approach
-from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.moving_obstacles import (
+from crar_drake.law.approach import Approach
+from crar_drake.law.compilation import Held, compiled
+from crar_drake.law.moving_obstacles import (
     Levels,
     Moving,
     Spheres,
@@ -27,10 +27,10 @@ from crar_drake.equations.moving_obstacles import (
     present_levels,
     sphere_rows,
 )
-from crar_drake.equations.vectors import times
 from crar_drake.law.pairs import of_controlled
 from crar_drake.law.projection import Rows, stacked
 from crar_drake.law.step import SafetyCheck, State
+from crar_drake.law.vectors import times
 
 
 class MovingSpheres:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from pydrake.geometry import Meshcat
 
-from crar_drake.control.records import (
+from crar_drake.law.records import (
     STATUS_BLENDING,
     STATUS_BRAKING,
     STATUS_IMPLAUSIBLE,

@@ -11,10 +11,10 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
-from crar_drake.control.controller import CrarController
-from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.errors import CrarError, ScenarioError
+from crar_drake.law.control_law import ControlLaw
+from crar_drake.law.controller import CrarController
+from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.play.live_sources import LiveSource, make_live
 from crar_drake.play.motion_clock import MotionClock, to_and_fro
 from crar_drake.play.recorder import Recorder

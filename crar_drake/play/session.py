@@ -9,8 +9,8 @@ from ctypes import py_object, pythonapi
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from crar_drake.equations.compilation import when_compiling
 from crar_drake.errors import CrarError
+from crar_drake.law.compilation import when_compiling
 from crar_drake.play.live_scene import LiveScene
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import Pacer

@@ -22,8 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crar_drake.control.checks import check_numbers
 from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.law.checks import check_numbers
 from crar_drake.references.ground_contact import FEET, HANDS
 from crar_drake.references.mesh_clearance import ClearanceOfMeshes
 from crar_drake.references.mesh_rows import MeshRows

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.equations.compilation import compiled
+from crar_drake.law.compilation import compiled
 from crar_drake.motion.planted_feet import ContactThresholds, runs, standing
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody

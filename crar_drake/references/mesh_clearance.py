@@ -51,8 +51,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crar_drake.equations.compilation import compiled
 from crar_drake.errors import MotionError
+from crar_drake.law.compilation import compiled
 from crar_drake.references.mesh_pairs import (
     ROUNDING,
     MeshPairs,

@@ -14,7 +14,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex, JointIndex
 
-from crar_drake.equations.kinematics import link_poses
+from crar_drake.law.kinematics import link_poses
 from crar_drake.references.surfaces import Surface
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_joint, zero_positions

@@ -14,8 +14,8 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
-from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.judging.referee import Referee
+from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import LIMIT_TOLERANCE
 

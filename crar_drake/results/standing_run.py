@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crar_drake.control.standing_law import StandingLaw
-from crar_drake.equations.references import error_from_targets
+from crar_drake.law.references import error_from_targets
+from crar_drake.law.standing_law import StandingLaw
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.scenario import Scenario

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake.control.records import STATUS_BRAKING, STATUS_IMPLAUSIBLE
-from crar_drake.equations.tasks import TaskLayout
+from crar_drake.law.records import STATUS_BRAKING, STATUS_IMPLAUSIBLE
 from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport
 from crar_drake.results.clipped_torque import (
     clipped_line,
@@ -124,7 +124,7 @@ class Summary:
     # were clipped, by more than rounding
     torque_clipped_samples: int
     braking_samples: int  # samples without targets, which count in no error
-    # samples with a measured state that no robot has, see `control.plausible`; the
+    # samples with a measured state that no robot has, see `law.plausible`; the
     # robot braked, and they count in no error
     implausible_samples: int
     frame_rate: float | None  # of the motion [Hz]; None for keyframes, or if not known

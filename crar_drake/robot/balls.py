@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from crar_drake.equations.path_balls import Balls
+from crar_drake.law.path_balls import Balls
 from crar_drake.robot.collision_pairs import CapsuleAxis
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import chain_reaches

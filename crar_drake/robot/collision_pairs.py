@@ -16,9 +16,9 @@ from pydrake.geometry import (
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
-from crar_drake.equations.capsule_distances import ShapePairs, capsule_sizes
-from crar_drake.equations.compilation import hold
 from crar_drake.errors import ModelError
+from crar_drake.law.capsule_distances import ShapePairs, capsule_sizes
+from crar_drake.law.compilation import hold
 from crar_drake.robot.description import GROUND
 from crar_drake.robot.hulls import (
     Hull,
@@ -227,7 +227,7 @@ class WatchedPairs:
     def for_equations(
         self, num_points: int, first: int, moves: np.ndarray
     ) -> tuple[ShapePairs, ShapePairs]:
-        """The pairs for `equations.capsule_distances`.
+        """The pairs for `law.capsule_distances`.
 
         Args:
             num_points: of one configuration, all of them.

@@ -12,10 +12,10 @@ from pydrake.multibody.tree import (
     UniformGravityFieldElement,
 )
 
-from crar_drake.equations.compilation import Held, hold
-from crar_drake.equations.dynamics import Dynamics
-from crar_drake.equations.wrenches import Masses
 from crar_drake.errors import ModelError
+from crar_drake.law.compilation import Held, hold
+from crar_drake.law.dynamics import Dynamics
+from crar_drake.law.wrenches import Masses
 from crar_drake.robot.kinematics import JointTree
 
 

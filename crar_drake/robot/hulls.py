@@ -9,8 +9,8 @@ import numpy as np
 from pydrake.geometry import Box, Convex, Cylinder, Ellipsoid, Mesh, Shape
 from scipy.spatial import ConvexHull, QhullError
 
-from crar_drake.equations.hull_distances import Hulls
 from crar_drake.errors import ModelError
+from crar_drake.law.hull_distances import Hulls
 
 # Of the prism about a cylinder: 2 % of the radius are lost.
 _SIDES = 16

@@ -1,4 +1,4 @@
-"""Drake's plant as the tree of frames that `equations.kinematics` computes with."""
+"""Drake's plant as the tree of frames that `law.kinematics` computes with."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -18,8 +18,8 @@ from pydrake.multibody.tree import (
     WeldJoint,
 )
 
-from crar_drake.equations.kinematics import Tree
 from crar_drake.errors import ModelError
+from crar_drake.law.kinematics import Tree
 
 _X, _Y, _Z, _NONE = np.array([*np.eye(3), np.zeros(3)])
 

@@ -16,16 +16,16 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from crar_drake.equations.compilation import Held
-from crar_drake.equations.kinematics import (
+from crar_drake.errors import ModelError
+from crar_drake.law.compilation import Held
+from crar_drake.law.kinematics import (
     Measured,
     State,
     evaluate_state,
     measured_distances,
 )
-from crar_drake.equations.nearby import some_shapes
-from crar_drake.equations.tasks import task_weights
-from crar_drake.errors import ModelError
+from crar_drake.law.nearby import some_shapes
+from crar_drake.law.tasks import task_weights
 from crar_drake.robot.actuators import Actuators
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import (
@@ -64,7 +64,7 @@ class ControlModel:
         plant, scene_graph, diagram: the model itself.
         description: the robot description it was made with.
         tasks, layout: the tasks and their rows.
-        row_weights: (m,) per-task weights, see `equations.tasks.task_weights`.
+        row_weights: (m,) per-task weights, see `law.tasks.task_weights`.
         weighs_rows: whether one of them is not 1.
         task_targets: per task its frame F and its point p_FT (3,) [m]; of a joint the
             world's, which no row uses.
@@ -72,7 +72,7 @@ class ControlModel:
         pairs: the watched pairs.
         pair_moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone,
             in the order of `order`.
-        robot_by_pair, robot_ahead: for `equations.kinematics`: at one configuration, a
+        robot_by_pair, robot_ahead: for `law.kinematics`: at one configuration, a
             row for each pair, as SceneGraph measures it; and at two, a row for each
             pair of shapes in closed form, for paths.
         robot_of_tasks: the same without pairs.
@@ -230,7 +230,7 @@ class ControlModel:
         q: np.ndarray,
         v: np.ndarray,
     ) -> Measured:
-        """A state, as `equations.kinematics` takes it.
+        """A state, as `law.kinematics` takes it.
 
         Args:
             workspace: of this model; left at the state.
@@ -261,7 +261,7 @@ class ControlModel:
 
     @cached_property
     def dynamics(self) -> Held:
-        """Holds `equations.dynamics.Dynamics`: what `inverse_dynamics` computes, of a
+        """Holds `law.dynamics.Dynamics`: what `inverse_dynamics` computes, of a
         robot whose base is fixed.
 
         Raises:

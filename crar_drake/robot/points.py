@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.multibody.tree import Frame, RigidBody
 
-from crar_drake.equations.compilation import Held, hold
-from crar_drake.equations.kinematics import Robot, TaskPoints
-from crar_drake.equations.tasks import TaskLayout, task_of_rows, task_wrenches
+from crar_drake.law.compilation import Held, hold
+from crar_drake.law.kinematics import Robot, TaskPoints
+from crar_drake.law.tasks import TaskLayout, task_of_rows, task_wrenches
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.kinematics import JointTree
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.multibody.tree import RigidBody
 
-from crar_drake.equations.admission import Reaches
+from crar_drake.law.admission import Reaches
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.kinematics import JointTree
 
@@ -25,11 +25,11 @@ def find_reaches(
     farther end of the shape's axis, stretched out; of a hull, to its farthest corner.
 
     The limits of slides bound how far they take what they carry; where they are beyond
-    their limits, or have none, `equations.admission.reaching` looks where they are.
+    their limits, or have none, `law.admission.reaching` looks where they are.
 
     Args:
         pairs: of it; those of other shapes have none.
-        order: (nv,) of the joints, as in `equations.kinematics.Robot`.
+        order: (nv,) of the joints, as in `law.kinematics.Robot`.
         lower, upper: (nq,) limits of all joints, in the plant's order.
     """
     tree = joints.tree

@@ -7,8 +7,8 @@ from pydrake.multibody.tree import BodyIndex
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
-from crar_drake.equations.balance import Ground, Masses
 from crar_drake.errors import ModelError
+from crar_drake.law.balance import Ground, Masses
 from crar_drake.robot.description import FLOOR_TOLERANCE, find_body
 from crar_drake.robot.dynamics import find_masses
 from crar_drake.robot.model import ControlModel

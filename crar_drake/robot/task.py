@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crar_drake.equations.tasks import KINDS
 from crar_drake.errors import ModelError
+from crar_drake.law.tasks import KINDS
 
 
 @dataclass

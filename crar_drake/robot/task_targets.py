@@ -6,8 +6,8 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 
-from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ModelError, nearest
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.robot.description import RobotDescription, find_frame, frame_names
 from crar_drake.robot.task import Task
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from crar_drake.equations.moving_obstacles import Links
 from crar_drake.errors import ScenarioError
+from crar_drake.law.moving_obstacles import Links
 from crar_drake.robot.balls import ball_about
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import chain_reaches, lengths_of_slides

@@ -10,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces
 from pydrake.systems.framework import Context, Diagram
 
-from crar_drake.equations.kinematics import State
+from crar_drake.law.kinematics import State
 
 
 @dataclass(slots=True)

@@ -13,8 +13,8 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint
 
-from crar_drake.equations.capsule_distances import capsule_distances
-from crar_drake.equations.kinematics import link_poses
+from crar_drake.law.capsule_distances import capsule_distances
+from crar_drake.law.kinematics import link_poses
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot_import.capsule_fitting import Capsules
 from crar_drake.robot_import.source_robot import Poses

@@ -13,12 +13,12 @@ from pydrake.systems.lcm import ApplyLcmBusConfig
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from pydrake.visualization import ApplyVisualizationConfig
 
-from crar_drake.control.commanded_motion import CommandedMotion
-from crar_drake.control.controller import CrarController
-from crar_drake.control.parameters import LookaheadParameters, Parameters
-from crar_drake.control.standing_controller import StandingController
-from crar_drake.control.standing_law import StandingLaw
 from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.law.commanded_motion import CommandedMotion
+from crar_drake.law.controller import CrarController
+from crar_drake.law.parameters import LookaheadParameters, Parameters
+from crar_drake.law.standing_controller import StandingController
+from crar_drake.law.standing_law import StandingLaw
 from crar_drake.robot.description import (
     RobotDescription,
     add_robot,

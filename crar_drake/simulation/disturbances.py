@@ -17,8 +17,8 @@ from pydrake.systems.framework import (
     State,
 )
 
-from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ScenarioError, check_vector
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.robot.description import find_frame, quaternion_starts
 
 

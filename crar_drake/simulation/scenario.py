@@ -15,12 +15,12 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
-from crar_drake.control.parameters import (
+from crar_drake.errors import ModelError, ScenarioError, nearest
+from crar_drake.law.parameters import (
     CONSTRAINTS,
     LookaheadParameters,
     PaperParameters,
 )
-from crar_drake.errors import ModelError, ScenarioError, nearest
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
 from crar_drake.motion.options import MotionOptions
 from crar_drake.resources import data_folder

@@ -6,8 +6,8 @@ from typing import Protocol
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ScenarioError
+from crar_drake.law.tasks import TaskLayout
 
 
 class PoseTrajectory(Protocol):

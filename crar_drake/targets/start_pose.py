@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from crar_drake.equations.composite_weight import composite_index
-from crar_drake.equations.joint_limits import limit_potential
-from crar_drake.equations.references import error_from_targets
+from crar_drake.law.composite_weight import composite_index
+from crar_drake.law.joint_limits import limit_potential
 from crar_drake.law.paper import Gains, start_step
+from crar_drake.law.references import error_from_targets
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import ModelState
 

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.safety_filter import NO_NUMBER, OBSTACLE, SafetyFilter
-from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ScenarioError
+from crar_drake.law.obstacles import Obstacles
+from crar_drake.law.safety_filter import NO_NUMBER, OBSTACLE, SafetyFilter
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.teleoperation.safe_motion import (
     AT_REST,
     Moved,

@@ -1,6 +1,6 @@
 """The obstacles that somebody told of, where they may be at any time since."""
 
-from crar_drake.control.obstacles import Obstacles
+from crar_drake.law.obstacles import Obstacles
 from crar_drake.teleoperation.messages import Heard, MessageError, ObstacleMessage
 
 # So many are kept at most: a step has to be in time.

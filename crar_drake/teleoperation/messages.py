@@ -32,7 +32,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.equations.tasks import TaskLayout
+from crar_drake.law.tasks import TaskLayout
 
 # A longer datagram is dropped unread [bytes]. It takes 2 ms to see that the worst of
 # this length is no message; sixty poses fit in.

@@ -5,17 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.control.law import ControlLaw
-from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.parameters import LookaheadParameters
-from crar_drake.control.records import (
+from crar_drake.errors import ScenarioError, nearest
+from crar_drake.law.control_law import ControlLaw
+from crar_drake.law.obstacles import Obstacles
+from crar_drake.law.parameters import LookaheadParameters
+from crar_drake.law.records import (
     STATUS_BLENDING,
     STATUS_BRAKING,
     STATUS_IMPLAUSIBLE,
     Solution,
 )
-from crar_drake.control.safety_filter import OBSTACLE
-from crar_drake.errors import ScenarioError, nearest
+from crar_drake.law.safety_filter import OBSTACLE
 from crar_drake.law.step import CORRECTED, SCALED
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from crar_drake.control.parameters import (
+from crar_drake.errors import ScenarioError
+from crar_drake.law.parameters import (
     LookaheadParameters,
     SafetyParameters,
     with_constraints,
 )
-from crar_drake.control.safety_filter import SafetyFilter
-from crar_drake.errors import ScenarioError
+from crar_drake.law.safety_filter import SafetyFilter
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.standing import standing_description

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crar_drake.equations.tasks import TaskLayout
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.teleoperation.messages import PARTS, TargetMessage
 
 # The velocity of a target is not believed for longer than this after it came [s].

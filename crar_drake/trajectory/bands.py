@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg.blas import dsbmv
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 
-from crar_drake.equations.compilation import compiled
+from crar_drake.law.compilation import compiled
 
 
 @dataclass

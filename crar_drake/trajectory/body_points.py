@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.kinematics import joint_motion, link_poses, place_points
+from crar_drake.law.compilation import Held, compiled
+from crar_drake.law.kinematics import joint_motion, link_poses, place_points
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task

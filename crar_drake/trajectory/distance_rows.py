@@ -6,16 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.capsule_distances import nearest_points
-from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.kinematics import (
+from crar_drake.law.capsule_distances import nearest_points
+from crar_drake.law.compilation import Held, compiled
+from crar_drake.law.kinematics import (
     Measured,
     find_state,
     joint_motion,
     link_poses,
     place_points,
 )
-from crar_drake.equations.nearby import near_balls
+from crar_drake.law.nearby import near_balls
 from crar_drake.robot.model import ControlModel
 
 _ROOM = 4096  # rows, to begin with

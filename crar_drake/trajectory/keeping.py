@@ -22,7 +22,7 @@ from typing import Protocol
 
 import numpy as np
 
-from crar_drake.equations.compilation import hold
+from crar_drake.law.compilation import hold
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches

@@ -2,7 +2,7 @@
 
 Between two frames a motion is taken to go straight in joint space, as those who play
 or interpolate it do. The distance on the whole of such a way is bounded from below as
-that of a braking path is, (A5) of `equations.admission`: by a bound, not by samples.
+that of a braking path is, (A5) of `law.admission`: by a bound, not by samples.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.equations.admission import reaching, travel
-from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.nearby import bounds_of_some, nearby_distances
+from crar_drake.law.admission import reaching, travel
+from crar_drake.law.compilation import Held, compiled
+from crar_drake.law.nearby import bounds_of_some, nearby_distances
 from crar_drake.robot.model import ControlModel
 from crar_drake.trajectory.distance_rows import configurations
 
@@ -88,7 +88,7 @@ def bounds_between(
     Args:
         q: (T, nq) positions in the equations' order.
         d: (T, Nr) the distances there [m].
-        robot: holds a `Robot`, as in `equations.nearby`.
+        robot: holds a `Robot`, as in `law.nearby`.
         reaches: holds `Reaches` of all pairs.
     """
     bounds = np.empty(len(q) - 1)

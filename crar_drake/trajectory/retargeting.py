@@ -22,8 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crar_drake.equations.compilation import compiled
 from crar_drake.errors import ModelError
+from crar_drake.law.compilation import compiled
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
 from crar_drake.motion.planted_feet import runs

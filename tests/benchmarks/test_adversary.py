@@ -24,9 +24,9 @@ from benchmarks.adversary.run import play_and_judge, run_case
 from benchmarks.adversary.starts import (
     random_poses,
 )
-from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import LookaheadParameters
+from crar_drake.law.control_law import ControlLaw
 from crar_drake.law.pairs import Pairs
+from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.law.step import SafetyCheck
 from crar_drake.robot.description import find_body
 

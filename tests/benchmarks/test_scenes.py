@@ -10,8 +10,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from benchmarks.peers.driver import Guard, NoAnswer, Problem, Spheres
 from benchmarks.peers.problem import BASE, describe, write_problem
 from crar_drake import load_robot_description
-from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.safety_filter import SafetyFilter
+from crar_drake.law.obstacles import Obstacles
+from crar_drake.law.safety_filter import SafetyFilter
 
 PERIOD = 0.01
 

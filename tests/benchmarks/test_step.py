@@ -9,8 +9,8 @@ from benchmarks.step import measure_growth, measure_simulations, measure_steps
 from benchmarks.step_compiling import measure_process
 from benchmarks.step_robots import make_robot
 from benchmarks.step_timing import Step, fit_growth, samples_of_run
-from crar_drake.control.parameters import CONSTRAINTS
 from crar_drake.errors import CrarError
+from crar_drake.law.parameters import CONSTRAINTS
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario
 

@@ -15,8 +15,8 @@ from benchmarks.sweep.cases import (
 )
 from benchmarks.sweep.report import sweep_tables
 from crar_drake import fresh_processes
-from crar_drake.control.parameters import PaperParameters
 from crar_drake.errors import CrarError
+from crar_drake.law.parameters import PaperParameters
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario
 

@@ -18,8 +18,8 @@ from small_urdfs import humanoid, humanoid_with_legs
 
 import crar_drake.run
 from crar_drake.commands import main, make_parser, options, parse
-from crar_drake.control.parameters import CONSTRAINTS, LEVELS
 from crar_drake.errors import ScenarioError
+from crar_drake.law.parameters import CONSTRAINTS, LEVELS
 from crar_drake.resources import data_folder
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import load_robot_description

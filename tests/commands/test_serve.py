@@ -17,8 +17,8 @@ import pytest
 
 from crar_drake.commands import main, serve
 from crar_drake.commands.serve import GATE, NeverWaiting
-from crar_drake.equations.compilation import COMPILING
 from crar_drake.errors import CrarError
+from crar_drake.law.compilation import COMPILING
 from crar_drake.teleoperation.serving import make_server
 from crar_drake.teleoperation.target_stream import Gate
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from sliding_balls import BOTH, among_posts
 
-from crar_drake.control.law import ControlLaw
-from crar_drake.equations.admission import AdmissionGains
-from crar_drake.equations.compilation import Held
+from crar_drake.law.admission import AdmissionGains
+from crar_drake.law.compilation import Held
+from crar_drake.law.control_law import ControlLaw
 from crar_drake.law.pairs import keep_distance, relaxed_distances
 
 T, PERIOD = 0.1, 0.02

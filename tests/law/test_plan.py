@@ -7,9 +7,8 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.linalg import lstsq
 
 from crar_drake import ControlModel, load_robot_description, position_tasks
-from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import LookaheadParameters
-from crar_drake.equations.references import References
+from crar_drake.law.control_law import ControlLaw
+from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.law.plan import (
     effort_rows,
     expected_motion,
@@ -22,6 +21,7 @@ from crar_drake.law.plan import (
     speed_rows,
     task_shares,
 )
+from crar_drake.law.references import References
 
 PERIOD, DURATION, RHO, D, K = 5e-3, 0.16, 2e-4, 12.0, 9.0
 MARGIN, LIMIT_MARGIN, FAR = 5e-3, 0.02, 0.04

@@ -11,10 +11,10 @@ from pydrake.systems.framework import DiagramBuilder
 from small_robots import add_plant, chain_urdf, make_model
 
 from crar_drake import EXPERIMENTS, PaperGains, position_tasks
-from crar_drake.control.constraints import Braking
-from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.judging.referee import Referee
+from crar_drake.law.constraints import Braking
+from crar_drake.law.control_law import ControlLaw
+from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.law.step import SCALED
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel

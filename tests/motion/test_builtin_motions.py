@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import PaperParameters
+from crar_drake.law.control_law import ControlLaw
+from crar_drake.law.parameters import PaperParameters
 from crar_drake.motion.catalogue import builtin_names, load_clip, load_performer
 from crar_drake.motion.formats.asf_amc import forward_kinematics
 from crar_drake.motion.joint_centres import joint_centres

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from crar_drake.control.parameters import with_constraints
 from crar_drake.errors import CrarError, ModelError
 from crar_drake.judging.obstacle_judge import ObstacleJudge
 from crar_drake.judging.referee import Referee
+from crar_drake.law.parameters import with_constraints
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.recorder import OVER_TIME
 from crar_drake.results.certificate import judge_certificate

@@ -7,7 +7,7 @@ import pytest
 from pydrake.geometry import Meshcat
 from standing_robots import HEIGHT, standing_robot
 
-from crar_drake.control.parameters import LookaheadParameters
+from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.play.live_scene import LiveScene
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import Pacer

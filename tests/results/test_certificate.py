@@ -13,8 +13,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from small_logs import small_log
 
-from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.judging.referee import Referee
+from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.results.certificate import has_certificate, judge_certificate
 
 BALL = """

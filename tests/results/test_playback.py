@@ -10,9 +10,9 @@ import pytest
 from pydrake.geometry import Meshcat
 from recorded_pages import look, read_data
 
-from crar_drake.control.parameters import with_constraints
-from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import CrarError, ModelError
+from crar_drake.law.parameters import with_constraints
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.results import marks
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.playback import compare_logs, distinct_labels, record_log

@@ -24,10 +24,10 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
-from crar_drake.control.law import ControlLaw
-from crar_drake.control.safety_filter import SafetyFilter
 from crar_drake.errors import ModelError
 from crar_drake.judging.referee import Referee
+from crar_drake.law.control_law import ControlLaw
+from crar_drake.law.safety_filter import SafetyFilter
 from crar_drake.robot.description import (
     RobotDescription,
     RootPose,

@@ -9,7 +9,7 @@ import trimesh
 from pydrake.math import RigidTransform
 from small_urdfs import humanoid_with_legs, joint, link, robot, write
 
-from crar_drake.equations.capsule_distances import capsule_distances
+from crar_drake.law.capsule_distances import capsule_distances
 from crar_drake.robot.description import import_file
 from crar_drake.robot_import import import_robot, link_fits, load_choices
 from crar_drake.robot_import.anatomy import link_twins

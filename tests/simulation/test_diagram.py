@@ -13,8 +13,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from small_robots import add_plant, chain_urdf, make_model
 
-from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.errors import CrarError, ModelError, ScenarioError
+from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.motion.catalogue import builtin_names
 from crar_drake.resources import data_folder
 from crar_drake.robot.description import (

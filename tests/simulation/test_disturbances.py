@@ -8,8 +8,8 @@ from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 from small_robots import add_plant, chain_urdf
 
-from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.simulation.disturbances import (
     AddMeasurement,
     Disturbances,

@@ -11,8 +11,8 @@ from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake import ScenarioError
-from crar_drake.control.parameters import with_constraints
 from crar_drake.judging.obstacle_judge import ObstacleJudge
+from crar_drake.law.parameters import with_constraints
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.playback import record_log
 from crar_drake.run import run_scenario

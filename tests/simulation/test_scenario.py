@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crar_drake.control.parameters import PaperParameters
 from crar_drake.errors import ScenarioError
+from crar_drake.law.parameters import PaperParameters
 from crar_drake.robot.description import robot_names
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.scenario import (

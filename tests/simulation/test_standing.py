@@ -7,8 +7,8 @@ import pytest
 from standing_robots import APART, HEIGHT, PAD, standing_robot, tipping_cell
 
 from crar_drake.commands import main
-from crar_drake.control.parameters import BalanceParameters, LookaheadParameters
 from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.law.parameters import BalanceParameters, LookaheadParameters
 from crar_drake.references.ground_demand import ground_wrench
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.model import ControlModel

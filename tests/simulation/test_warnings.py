@@ -9,7 +9,7 @@ import pytest
 from small_robots import chain_urdf
 
 from crar_drake.commands import main
-from crar_drake.control.parameters import PaperParameters
+from crar_drake.law.parameters import PaperParameters
 from crar_drake.motion.report import Flip, Jump, MotionReport, inspect
 from crar_drake.run import run_scenario
 from crar_drake.simulation.diagram import PrepareScenario

@@ -5,8 +5,8 @@ import pytest
 from pydrake.math import RollPitchYaw
 from scipy.spatial.transform import Rotation
 
-from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ScenarioError
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.targets.keyframes import Keyframe, KeyframeTrajectory
 from crar_drake.targets.sources import PoseTrajectorySource
 

@@ -6,8 +6,8 @@ import socket
 import numpy as np
 import pytest
 
-from crar_drake.control.obstacles import Obstacles
 from crar_drake.errors import ScenarioError
+from crar_drake.law.obstacles import Obstacles
 from crar_drake.teleoperation import server as module
 from crar_drake.teleoperation.heard_obstacles import MOST, HeardObstacles
 from crar_drake.teleoperation.messages import Heard, MessageError, ObstacleMessage

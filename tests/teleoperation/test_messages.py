@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from crar_drake.equations.tasks import TaskLayout
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.teleoperation.messages import (
     LONGEST,
     Command,

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crar_drake.control.parameters import PaperParameters
 from crar_drake.errors import CrarError, ScenarioError
+from crar_drake.law.parameters import PaperParameters
 from crar_drake.teleoperation import server as module
 from crar_drake.teleoperation.heard_obstacles import HeardObstacles
 from crar_drake.teleoperation.messages import MessageError

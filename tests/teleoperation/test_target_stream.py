@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from crar_drake.equations.tasks import TaskLayout
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.teleoperation.messages import TargetMessage
 from crar_drake.teleoperation.target_stream import Gate, RateLimiter, TargetStream
 

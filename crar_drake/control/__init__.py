@@ -1,1 +1,0 @@
-"""From desired tasks and a state to the torque."""

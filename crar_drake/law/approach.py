@@ -1,0 +1,96 @@
+"""How fast margins may be used up, and are to be regained: (L3), (L4), (L7).
+
+A margin h where the robot would come to rest, of a distance or of a joint to a limit,
+changes by g s per second. It is to change at least by `least_rate`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from crar_drake.law.compilation import compiled
+from crar_drake.law.vectors import times
+
+
+class Approach(NamedTuple):
+    """The numbers of the rows, see `LookaheadParameters`."""
+
+    distance_margin: float  # d_min [m]
+    limit_margin: float  # [rad or m]
+    retreat_rate: float  # gamma [1/s]
+    retreat_speed: float  # of a pair [m/s]
+    joint_retreat_speed: float  # [rad/s or m/s]
+    approach_rate: float  # kappa of pairs [1/s]
+    limit_approach_rate: float  # of limits, infinite for no row [1/s]
+    influence_distance: float  # pairs that are farther apart have no row [m]
+    fastest: float  # that q_s is asked to move in any joint [rad/s or m/s]
+
+
+@compiled
+def pair_margins(
+    d: np.ndarray, dd_dv: np.ndarray, v: np.ndarray, T: float
+) -> np.ndarray:
+    """(L3), (L4): h of two rows a pair, where the robot comes to rest.
+
+    At the state by its velocity, d(q) + T dd/dq q_dot, and at q_s itself, d(q_s).
+    Each pair of shapes has its own: one of the nearest two alone would jump where two
+    are equally near, and let the first go.
+
+    Args:
+        d: (2, Nc) signed distances at q and at q_s [m].
+        dd_dv: (2, Nc, nv) their gradients by all joints.
+        v: (nv,) velocities [rad/s, m/s].
+        T: braking time constant [s].
+
+    Returns:
+        (2 Nc,) [m]: first those expected from q, and then those at q_s.
+    """
+    return np.concatenate((d[0] + T * times(dd_dv[0], v), d[1]))
+
+
+@compiled
+def margin_curvature(dd_dv: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """What (L4) leaves out of its rows' rate, T q_dot^T hess(d) q_dot: (2 Nr,) [m/s].
+
+    Estimated by the secant, for q_s is T q_dot away: (g_1 - g_2) q_dot. Of the rows
+    (L3), which are exact, 0.
+
+    Args:
+        dd_dv: (2, Nr, nv) gradients at q and at q_s.
+        v: (nv,) velocities.
+    """
+    secant = times(dd_dv[1], v) - times(dd_dv[0], v)
+    return np.concatenate((secant, np.zeros(len(secant))))
+
+
+@compiled
+def least_rate(
+    h: np.ndarray, margin: float, gamma: float, fastest: float, kappa: float
+) -> np.ndarray:
+    """How fast a margin has to grow at least; (C,) [m/s, rad/s].
+
+    Inside the margin gamma (margin - h), but at most `fastest`; outside of it
+    -kappa (h - margin), which bounds how fast it is approached: so a velocity damper
+    (Faverjon and Tournassoud, 1987) has it.
+
+    Args:
+        h: (C,) margins [m or rad].
+        margin: to be kept [m or rad].
+        gamma: [1/s].
+        fastest: [m/s or rad/s].
+        kappa: [1/s].
+    """
+    inside, outside = np.maximum(margin - h, 0.0), np.maximum(h - margin, 0.0)
+    return np.minimum(gamma * inside - kappa * outside, fastest)
+
+
+@compiled
+def pair_rates(h: np.ndarray, approach: Approach) -> np.ndarray:
+    """`least_rate` of the margins (C,) of pairs."""
+    return least_rate(
+        h,
+        approach.distance_margin,
+        approach.retreat_rate,
+        approach.retreat_speed,
+        approach.approach_rate,
+    )

@@ -1,0 +1,229 @@
+"""The constraints of a robot, and the braking time constant T of each step.
+
+What the control law and the safety filter have in common: pairs, limits, motors,
+obstacles that move and the ground, by the model and the parameters.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from crar_drake.law.approach import Approach
+from crar_drake.law.compilation import hold
+from crar_drake.law.ground import Ground
+from crar_drake.law.limits import Limits
+from crar_drake.law.motors import Motors
+from crar_drake.law.obstacles import ObstacleFilter, Regions
+from crar_drake.law.pairs import Pairs
+from crar_drake.law.parameters import LEAST_PERIODS, LookaheadParameters
+from crar_drake.law.plausible import fastest_asked
+from crar_drake.law.step import SCALED, Constraint, State, Step, step
+from crar_drake.law.tracking_error import (
+    check_rest_posture,
+    check_slides,
+    distance_losses,
+    joint_errors,
+    narrowed_limits,
+    thickened,
+)
+from crar_drake.robot.balls import find_balls
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.reach import find_reaches
+
+
+@dataclass(frozen=True, slots=True)
+class Braking:
+    """What one step leaves to the next; never changed in place."""
+
+    T: float = 0.0  # over which the robot may brake [s]; 0 before the first step
+    # whether its braking path over T is known to be collision-free
+    known: bool = False
+    # where obstacles are at the next step at most; None without any
+    regions: Regions | None = None
+
+
+class RobotConstraints:
+    """The constraints of a robot, in the order in which they are asked.
+
+    Attributes:
+        T: braking time constant wherever nothing asks for another [s].
+        pairs, limits: always there.
+        motors, ground: None where nothing limits motors, or nobody stands.
+        all: a list, to which a user may append others; moving obstacles come last.
+    """
+
+    def __init__(
+        self,
+        model: ControlModel,
+        gains: LookaheadParameters,
+        approach: Approach,
+        T: float,
+        others: Sequence[float],
+        plant_step: float,
+    ) -> None:
+        """
+        Args:
+            model: of the robot.
+            gains: the margin, tracking errors, speeds and efforts of it count.
+            approach: of the rows.
+            T: as of the attribute.
+            others: further T [s]: shorter ones for starts that are so fast that the
+                braking path over T is not clear, longer ones for weak motors.
+            plant_step: of what does as commanded [s].
+        """
+        self.model, self.T, self._gains = model, float(T), gains
+        self.period = float(gains.period)
+        self.plant_step = min(float(plant_step), self.period)
+        choices = {self.T, *(float(x) for x in others)}
+        least = LEAST_PERIODS * self.period
+        self._choices = sorted(x for x in choices if x >= least or x == self.T)
+        plant = model.plant
+        errors = joint_errors(gains, model)
+        lower, upper = narrowed_limits(errors, model)
+        reaches = find_reaches(
+            *(model.joints, model.pairs, model.order),
+            *(plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()),
+        )
+        losses, robot = np.zeros(len(model.pairs.pair_of_shapes)), model.robot_ahead
+        if errors.any():
+            check_slides(errors, reaches, model)
+            losses = distance_losses(errors, reaches)
+            check_rest_posture(robot, losses, gains.safety_distance, model)
+            robot = thickened(robot, losses)
+        self._robot, self._approach = robot, approach
+        self.pairs = Pairs(
+            *(robot, hold(reaches), find_balls(model, losses)),
+            [model.pairs.names[i] for i in model.pairs.pair_of_shapes],
+            *(float(gains.safety_distance), approach),
+        )
+        speeds = gains.speed_limits(model)[model.controlled]
+        fastest = np.minimum(speeds, fastest_asked(model))
+        self.limits = Limits(lower, upper, fastest, approach)
+        self.all: list[Constraint] = [self.limits, self.pairs]
+        self.motors = self.ground = None
+        efforts = gains.limits_of_efforts(model)
+        if np.isfinite(efforts).any():
+            self.motors = Motors(model, efforts)
+            self.all.append(self.motors)
+        if gains.balance is not None:
+            soles = gains.balance
+            self.ground = Ground(
+                model, self.T, self.period, soles.friction, soles.margin
+            )
+            self.all.append(self.ground)
+
+    @property
+    def fastest(self) -> float:
+        """How fast the place where the robot comes to rest is asked to move [rad/s]."""
+        return self._approach.fastest
+
+    def compile(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Compiles what only some steps need, by such ones from a state (nv,), (nv,)
+        that leave nothing behind."""
+        state = self.state(q, v, Braking(), lambda T: np.ones(self.model.n))
+        for each in self.all:
+            each.begin(state)
+            each.rows(state)
+            each.examine(state, state.whole(state.nominal), True)
+
+    @cached_property
+    def among(self) -> ObstacleFilter:
+        """What keeps links from obstacles that move.
+
+        Raises:
+            ScenarioError: a parameter does not go with them.
+        """
+        return ObstacleFilter(
+            self.model, self._gains, self._approach, self._robot, self.T
+        )
+
+    def state(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        before: Braking,
+        nominal: Callable[[float], np.ndarray],
+        prescribed_acceleration: np.ndarray | None = None,
+        keep_rows: bool = False,
+        along: bool = False,
+    ) -> State:
+        """The state of a step, with the T that is best for it.
+
+        Args:
+            q, v: (nv,), (nv,) positions and velocities, controlled joints first.
+            before: of the step before, if the robot did as it was told.
+            nominal, prescribed_acceleration, keep_rows, along: of `State`.
+        """
+        state = State(
+            *(q, v, self.model.n, before.T or self.T, self.period, self.plant_step),
+            *(nominal, before.known, prescribed_acceleration, keep_rows, along),
+        )
+        self._choose(state, before)
+        return state
+
+    def _choose(self, state: State, before: Braking) -> None:
+        """Gives the state T: that of the step before, or the next that will do.
+
+        T grows only onto a braking path that every constraint finds safe. On the ground
+        it is fixed, and among obstacles, but where it has yet to come there.
+        """
+        T, known = before.T, state.known
+        if self.ground is not None or (T == self.T and before.regions is not None):
+            state.take_T(self.T, known and T == self.T)
+            return
+        if self.motors is None and T >= self.T:
+            return
+
+        def is_safe(longer: float) -> bool:
+            at = state.q, state.v, longer
+            return self.limits.is_safe(*at, before.T) and all(
+                each.is_safe(*at) for each in self.all if each is not self.limits
+            )
+
+        if not T and is_safe(self.T):  # nothing was known
+            T, known = self.T, True
+        for longer in self._choices:
+            if T < longer <= self.T:
+                if not is_safe(longer):
+                    break
+                T, known = longer, True
+        state.take_T(T or self.T, known)
+        if self.motors is None or len(self._choices) == 1:
+            return
+        T, among = state.T, before.regions is not None
+        choices = [x for x in self._choices if x >= min(T, self.T)]
+        if among and T > self.T:
+            # To where it stays among obstacles, as soon as the motors can.
+            choices = [self.T]
+        elif among:
+            choices = [x for x in choices if x <= self.T]
+        chosen = self.motors.braking_time_constant(
+            *(state, (state.whole(state.nominal) - state.v) / T),
+            *(sorted({T, *choices}), is_safe),
+        )
+        if chosen != T:
+            state.take_T(chosen, known or chosen > T)
+
+    def step(self, state: State, regions: Regions | None) -> tuple[Step, Braking]:
+        """The step of a state, and what it leaves to the next.
+
+        Args:
+            state: of `state`.
+            regions: where obstacles are taken to be; None without any.
+        """
+        if regions is None:
+            found = step(state, self.all)
+            return found, Braking(state.T, self.pairs.present_is_clear)
+        if state.T != self.T:  # over which alone anything is shown of obstacles
+            regions = replace(regions, clear=np.zeros_like(regions.clear))
+        spheres = self.among.place(regions)
+        found = step(state, [*self.all, spheres])
+        unknown = state.T != self.T or (found.how == SCALED and found.share == 0.0)
+        later = regions.later(self.period, spheres.clear_after(unknown))
+        return found, Braking(state.T, self.pairs.present_is_clear, later)
+
+    def clearance(self, found: Step) -> float:
+        """No watched distance is smaller on the braking path after a step [m]."""
+        return float(found.clearances.get(self.pairs.name, self.pairs.least_kept))

@@ -1,0 +1,675 @@
+"""One control step, from state and targets to accelerations and torque.
+
+This is the order of the paper: error, references, weights, inverse, velocity level,
+acceleration level, resolved acceleration, inverse dynamics. There is no Drake system
+here: `CrarController` wraps it for diagrams, and `ControlLaw.step` serves a user's
+own loop. Between control steps the accelerations are held, and the inverse dynamics
+goes on: `ControlLaw.hold`, or `ControlLaw.torque` in a user's own loop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.law.blending import smooth_step
+from crar_drake.law.composite_weight import composite_index
+from crar_drake.law.constraints import Braking, RobotConstraints
+from crar_drake.law.lateness import LATEST, Lateness, watch_lateness
+from crar_drake.law.motors import Motors, clip_torque, share_of_nominal
+from crar_drake.law.nominal import Nominal, TaskLaw
+from crar_drake.law.obstacles import ObstacleFilter, Obstacles
+from crar_drake.law.paper import Gains, PaperLaw
+from crar_drake.law.parameters import LookaheadParameters, PaperGains, Parameters
+from crar_drake.law.plan import Plan, make_preview, posture_near_limits
+from crar_drake.law.plausible import PlausibleStates
+from crar_drake.law.prediction import state_ahead
+from crar_drake.law.records import (
+    STATUS_BLENDING,
+    STATUS_BRAKING,
+    STATUS_IMPLAUSIBLE,
+    STATUS_TRACKING,
+    InputError,
+    Memory,
+    Solution,
+    check_finite,
+)
+from crar_drake.law.references import BlendStart, Targets, TaskGains
+from crar_drake.law.step import AS_NOMINAL, State, Step, step
+from crar_drake.law.vectors import is_finite
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import Workspace
+
+_NOTHING = np.zeros(0)
+# Of a period: so little more is none.
+_ROUNDING = 1e-9
+# A robot that is off its command by less is where it was told to be [rad or m, per
+# second]: what was shown of the command holds, for the safety distance has it to spare.
+_AS_TOLD = 1e-6
+_STATUS = {
+    status: np.array([status])
+    for status in (
+        *(STATUS_TRACKING, STATUS_BLENDING),
+        *(STATUS_BRAKING, STATUS_IMPLAUSIBLE),
+    )
+}
+
+
+class ControlLaw:
+    """The constrained resolved acceleration of a robot model and its torque.
+
+    Attributes:
+        model: kinematics, distances, dynamics.
+        parameters: of the law.
+        effort_limits: (nu,) see `Shared.limits_of_efforts` [Nm or N].
+        speed_limits: (nv,) see `LookaheadParameters.speed_limits` [rad/s or m/s].
+        has_posture: whether the null space is drawn to a nominal posture.
+        target_names: what errors call tasks, prescribed positions and nominal posture.
+    """
+
+    target_names = ("tasks", "prescribed", "nominal_posture")
+
+    def __init__(
+        self, model: ControlModel, parameters: Parameters | None = None
+    ) -> None:
+        """
+        Raises:
+            ModelError: the model has no task, or its base floats.
+            ScenarioError: a parameter is out of range, or names no joint of the robot.
+        """
+        if not model.tasks:
+            raise ModelError("give the control model at least one task")
+        model.description.refuse_floating()
+        self.model = model
+        self.parameters = parameters or LookaheadParameters()
+        self.parameters.validate()
+        gains = self.parameters
+        # Always of one type, lest functions be compiled for another.
+        self._blend_time = float(gains.blend_time)
+        self._period = float(gains.period)
+        self._latency = float(gains.latency)
+        self._plant_step = float(model.plant.time_step())
+        self._torque_period = float(gains.torque_period_for(self._plant_step))
+        self._rest = model.rest_positions()
+        self._rest_posture = self._rest[model.controlled_positions]
+        self._has_limits = np.isfinite(model.upper - model.lower)
+        self.speed_limits = gains.speed_limits(model)
+        self.effort_limits = gains.limits_of_efforts(model)
+        self._limits_efforts = bool(np.isfinite(self.effort_limits).any())
+        self._safe = gains.constraints == "lookahead"
+        self._plausible = PlausibleStates(model, self._period)
+        self._constraints = self._motors = None
+        crowded = model.m >= model.n
+        of_paper, stiffness = gains, 0.0
+        if self._safe:
+            of_paper, ahead = gains.gains, gains.resolved(crowded)
+            stiffness = ahead.stiffness
+            self._constraints = RobotConstraints(
+                *(model, gains, ahead.approach, ahead.T, ahead.others),
+                self._plant_step,
+            )
+            self._motors = self._constraints.motors
+        elif self._limits_efforts:
+            self._motors = Motors(model, self.effort_limits)
+        self.has_posture = stiffness > 0.0
+        weights = model.row_weights if model.weighs_rows else _NOTHING
+        tasks = TaskGains(
+            *(float(of_paper.K), float(of_paper.Kp), float(of_paper.velocity_gain)),
+            *(stiffness, weights),
+        )
+        self._nominal: TaskLaw
+        # The oldest commands whose effect a late state does not show yet.
+        late = self._latency / self._period * (1.0 - _ROUNDING)
+        self._num_sent = math.ceil(late) + 1 if late else 0
+        if gains.plans:
+            preview = make_preview(
+                *(ahead.preview, ahead.smoothness, ahead.damping, stiffness),
+                *(self._period, ahead.farthest_pull, ahead.null_space_damping),
+            )
+            limits = self._constraints.limits
+            self._nominal = Plan(
+                *(model, self._constraints.pairs.shapes, preview, tasks),
+                ahead.approach,
+                *(limits.lower, limits.upper, self._period),
+            )
+            # A plan is stiff: a lag that nobody has told of is looked for.
+            self._num_sent = math.ceil(late) + round(LATEST / self._period) + 2
+        else:
+            self._nominal = PaperLaw(
+                *(model, tasks, paper_gains(of_paper, self._period, len(model.pairs))),
+                constrained=gains.constraints != "none",
+                with_inertia=of_paper.metric == "inertia",
+            )
+        self.reset()
+
+    @cached_property
+    def among(self) -> ObstacleFilter:
+        """What keeps the robot from obstacles that move.
+
+        Raises:
+            ScenarioError: the robot or the parameters do not go with them.
+        """
+        gains, period = self.parameters, self._period
+        if abs(self._plant_step - period) > 1e-9 * period:
+            raise ScenarioError(
+                f"obstacles: the plant's time step, {self._plant_step:g} s, must be "
+                f"the control period, {period:g} s: make plant_config.time_step or "
+                "controller.period the other"
+            )
+        if gains.longest_T > gains.T and gains.balance is None:
+            raise ScenarioError(
+                "controller.braking_time: with moving obstacles there is one braking "
+                "time constant; give it, or take LookaheadParameters.among_obstacles()"
+            )
+        return self._constraints.among
+
+    def compile(self, obstacles: bool = False) -> None:
+        """Compiles what has yet to be, by a step at rest that leaves nothing behind.
+
+        What only some steps need is among it, lest the first of these stop the robot's
+        control for a fifth of a second.
+
+        Args:
+            obstacles: whether there will be any that move.
+        """
+        model = self.model
+        q = self._rest
+        v = np.zeros(model.plant.num_velocities())
+        targets = Targets(model.tasks_at(q), model.prescribed_at(q), _NOTHING)
+        workspace = model.MakeWorkspace()
+        around = None
+        if obstacles and self._safe:
+            around = Obstacles(np.zeros((1, 3)), 1.0, 1.0, ("all",))
+        memory = self.solve(workspace, Memory(), 0, 0.0, q, v, targets, around)
+        self.solve(workspace, memory, 1, self._period, q, v, targets, around)
+        if self._safe:
+            self._constraints.compile(*model.in_order(q, v))
+        self.hold(workspace, memory, 1, q, v)
+
+    def default_posture(self, q: np.ndarray) -> np.ndarray:
+        """The nominal posture where none is given: the robot's rest posture, and with a
+        plan (L14), `law.plan.posture_near_limits`.
+
+        A joint without limits, which may have turned round, has none.
+
+        Args:
+            q: (nq,) measured positions of the whole plant.
+
+        Returns:
+            (n,) positions of the controlled joints [rad or m]; (0,) if the parameter
+            the posture gain is 0.
+        """
+        if not self.has_posture:
+            return _NOTHING
+        model = self.model
+        here = q[model.controlled_positions]
+        posture = np.where(self._has_limits, self._rest_posture, here)
+        if self.parameters.plans:
+            posture = posture_near_limits(here, posture, model.lower, model.upper)
+        return posture
+
+    def reset(self) -> None:
+        """Makes `step` forget its past: the next call is a first step."""
+        self._workspace = self.model.MakeWorkspace()
+        self._memory = Memory()
+
+    def step(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        tasks: np.ndarray,
+        prescribed: np.ndarray | None = None,
+        nominal_posture: np.ndarray | None = None,
+        obstacles: Obstacles | None = None,
+    ) -> Solution:
+        """The next control step, for a loop without a simulator.
+
+        Call it once a control period; it counts the periods and remembers the
+        previous step.
+
+        Args:
+            q: (nq,) measured positions of the whole plant.
+            v: (nv,) measured velocities.
+            tasks: (layout.size,) [x_d; v_d; a_d]; `model.layout.pack` makes one.
+            prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], if there are any;
+                `model.prescribed_at` makes one.
+            nominal_posture: (n,) that the null space is drawn to, unless
+                the posture gain is 0; by default `default_posture`.
+            obstacles: as of `solve`.
+
+        Raises:
+            InputError: an argument has a NaN or the wrong size; it is named.
+        """
+        model, memory = self.model, self._memory
+        q, v = _of_sizes(
+            ("q", q, model.plant.num_positions()),
+            ("v", v, model.plant.num_velocities()),
+        )
+        given = self.has_posture and nominal_posture is not None
+        targets = _of_sizes(
+            ("tasks", tasks, model.layout.size),
+            ("prescribed", prescribed, 3 * model.n_p),
+            ("nominal_posture", nominal_posture, model.n * given),
+        )
+        tick = memory.tick + 1
+        time = tick * self.parameters.period
+        check_finite("q", q, time)
+        check_finite("v", v, time)
+        self._memory = self.solve(
+            self._workspace, memory, tick, time, q, v, Targets(*targets), obstacles
+        )
+        return self._memory.solution
+
+    def torque(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The torque of the last step's accelerations at a new state.
+
+        For a loop that sends torques more often than it calls `step`: an acceleration
+        takes another torque where the robot has moved.
+
+        Args:
+            q: (nq,) positions measured now.
+            v: (nv,) velocities measured now.
+
+        Returns:
+            (nu,) efforts, within the effort limits if these are respected [Nm or N].
+
+        Raises:
+            InputError: there was no step yet, or an argument has a NaN or the wrong
+                size; it is named.
+        """
+        if self._memory.solution is None:
+            raise InputError("there is no acceleration to hold yet: call step first")
+        q, v = _of_sizes(
+            ("q", q, self.model.plant.num_positions()),
+            ("v", v, self.model.plant.num_velocities()),
+        )
+        time = self._memory.tick * self.parameters.period
+        check_finite("q", q, time)
+        check_finite("v", v, time)
+        tick = self._memory.torque_tick + 1
+        self._memory = self.hold(self._workspace, self._memory, tick, q, v)
+        return self._memory.solution.actuation
+
+    def solve(
+        self,
+        workspace: Workspace,
+        memory: Memory,
+        tick: int,
+        time: float,
+        q: np.ndarray,
+        v: np.ndarray,
+        targets: Targets,
+        obstacles: Obstacles | None = None,
+    ) -> Memory:
+        """One control step, without side effects but on the workspace.
+
+        Args:
+            workspace: of the model; left at the state (q, v).
+            memory: of the previous step; `Memory()` for the first.
+            tick: number of this control step.
+            time: of this step [s].
+            q, v: (nq,), (nv,) state of the whole plant.
+            targets: what to do; without a nominal posture (0,) it is the default one.
+                Where blending begins is the law's to say.
+            obstacles: that move by themselves, where they are now; they replace all
+                before. Where none are given, those before may be anywhere that their
+                speeds let them be since. Constraints "lookahead" alone keep off them.
+
+        Returns:
+            The results, in `solution`, and what the next step is to be given.
+
+        Raises:
+            InputError: a target is not finite or a desired orientation a quaternion
+                of zero length, unless that makes the robot brake.
+            ScenarioError: the robot or the parameters do not go with obstacles.
+            FloatingPointError: an overflow.
+        """
+        model, parameters = self.model, self.parameters
+        before = memory if tick == memory.tick + 1 else Memory()
+        lateness = None
+        if parameters.plans:
+            told = self._latency / self._period
+            # One glitch would outweigh all else for seconds.
+            seen = self._plausible.believed(v, before.v)
+            lateness = watch_lateness(
+                before.lateness, seen, before.sent, told, self._period
+            )
+        q, v = self._predict(before.sent, lateness, self._period, q, v)
+        believed = v
+        if self._safe:
+            believed = self._plausible.believed(v, before.v)
+        model.plant.SetPositionsAndVelocities(
+            workspace.plant_context, np.concatenate((q, believed))
+        )
+        braking = self._known(before, obstacles, q, believed)
+        status, nominal, start = STATUS_TRACKING, None, memory.start
+        start_time = memory.start_time
+        if believed is not v or not self._came(before, q, v):
+            status = STATUS_IMPLAUSIBLE
+        elif not self._usable(targets, time):
+            status = STATUS_BRAKING
+        else:
+            if start is None:
+                start_time, start = time, self._start(q, v)
+            blend = smooth_step(time - start_time, self._blend_time)
+            if blend[0] < 1.0:
+                status = STATUS_BLENDING
+            targets = self._blended(targets, q, start, blend)
+            kept = before.solution.kept if before.continues else None
+            efforts = self._motor_rows(q, v)
+            nominal = self._nominal(workspace, q, v, targets, kept, efforts)
+            if not is_finite(nominal.vdot):
+                # A quaternion of zero length is a number, but no orientation.
+                if is_finite(nominal.task_error):
+                    raise FloatingPointError(
+                        "the commanded acceleration is not finite: an overflow reached "
+                        "the solver; are positions, velocities or targets beyond all "
+                        "sense?"
+                    )
+                if not self.brakes_without_targets:
+                    raise _no_orientation("desired_tasks", time)
+                status, nominal = STATUS_BRAKING, None
+        going_on = nominal is not None
+        if not going_on:
+            nominal = self._braking(believed, braking)
+        solution, braking = self._solved(
+            workspace, q, believed, nominal, braking, going_on
+        )
+        solution.status = _STATUS[status]
+        return Memory(
+            tick,
+            solution=solution,
+            q=q,
+            v=v if going_on else believed + self._period * solution.acceleration,
+            continues=going_on,
+            start_time=start_time if going_on else None,
+            start=start if going_on else None,
+            braking=braking,
+            sent=self._sent(before, solution),
+            lateness=lateness,
+        )
+
+    def _known(
+        self, before: Memory, obstacles: Obstacles | None, q: np.ndarray, v: np.ndarray
+    ) -> Braking:
+        """What is known of the braking path from a state (nq,), (nv,)."""
+        if not self._safe:
+            return before.braking
+        known, regions = before.braking, before.braking.regions
+        told = before.solution is not None
+        if told:
+            off = before.solution.position_command - np.concatenate((q, v))
+            told = bool(np.abs(off).max() <= _AS_TOLD)
+        if not told:
+            known = Braking()
+            if regions is not None:
+                regions = replace(regions, clear=np.zeros_like(regions.clear))
+                obstacles = regions.spheres if obstacles is None else obstacles
+        if obstacles is not None and (regions is not None or len(obstacles)):
+            at = self.model.in_order(q, v)
+            regions = self.among.regions(regions, obstacles, *at)
+        return replace(known, regions=regions)
+
+    def _blended(
+        self, targets: Targets, q: np.ndarray, start: BlendStart, blend: tuple
+    ) -> Targets:
+        """The targets of a step, with a nominal posture."""
+        posture = targets.posture
+        if not len(posture):
+            posture = self.default_posture(q)
+        if self.has_posture and blend[0] < 1.0:
+            # As the targets, lest the first step be a jerk.
+            here = q[self.model.controlled_positions]
+            posture = here + blend[0] * (posture - here)
+        return Targets(targets.tasks, targets.prescribed, posture, start, blend)
+
+    def _motor_rows(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """(k, nv + 2) of `law.nominal.TaskLaw`, for a plan."""
+        if self._motors is None or not self.parameters.plans:
+            return np.zeros((0, len(v) + 2))
+        return self._motors.plan_rows(*self.model.in_order(q, v))
+
+    def _braking(self, v: np.ndarray, before: Braking) -> Nominal:
+        """q_ddot = -q_dot / T, of all joints."""
+        model = self.model
+        T = before.T or self._constraints.T
+        unknown, nothing = np.full(model.m, np.nan), np.zeros(model.n)
+        return Nominal(-v / T, unknown, np.ones(model.n), nothing, _NOTHING)
+
+    def _solved(
+        self,
+        workspace: Workspace,
+        q: np.ndarray,
+        v: np.ndarray,
+        nominal: Nominal,
+        before: Braking,
+        going_on: bool,
+    ) -> tuple[Solution, Braking]:
+        """The step nearest to a nominal that is safe, and what follows from it.
+
+        Args:
+            workspace: at the state.
+            q, v: (nq,), (nv,) the state.
+            nominal: of this step.
+            before: what is known of its braking path.
+            going_on: else it is braking, over whatever T will do.
+        """
+        model, n = self.model, self.model.n
+        vdot, how, found = nominal.vdot, {}, None
+        at, rate = model.in_order(q, v)
+        (_, asked) = model.in_order(q, vdot)
+
+        def s_0(T: float) -> np.ndarray:
+            if not going_on:
+                return np.zeros(n)
+            s = rate[:n] + T * asked[:n]
+            return s if self.parameters.plans else self._slowed(s)
+
+        braking, state = before, None
+        if self._safe:
+            state = self._constraints.state(
+                *(at, rate, before, s_0, asked[n:]), keep_rows=True, along=not going_on
+            )
+            found, braking = self._constraints.step(state, before.regions)
+            how = self._reported(found, state, before)
+        elif self._motors is not None:
+            T = self.parameters.T
+            state = State(
+                *(at, rate, n, T, self._period, min(self._plant_step, self._period)),
+                *(lambda T: rate[:n] + T * asked[:n], False, asked[n:]),
+            )
+            state.desired = state.whole(state.nominal)
+            found = step(state, [self._motors])
+        share = 1.0
+        if found is not None and (self._safe or found.how != AS_NOMINAL):
+            taken = (found.s - rate) / state.T
+            if self._motors is not None and self._motors.name in found.objections:
+                share = share_of_nominal(taken, asked, rate[:n], state.T)
+            _, vdot = model.in_plant(at, taken)
+        actuation = model.inverse_dynamics(workspace, vdot)
+        excess = 0.0
+        if self._limits_efforts:
+            actuation, excess = clip_torque(actuation, self.effort_limits)
+        obstacle = None
+        if before.regions is not None:
+            obstacle = self.among.ran_into(before.regions, found)
+        solution = Solution(
+            acceleration=vdot,
+            task_error=nominal.task_error,
+            constraint_weights=nominal.weights,
+            constrained_velocity=nominal.qdot_c,
+            **how,
+            kept=nominal.kept,
+            actuation=actuation,
+            position_command=state_ahead(
+                *(q, v, vdot, self._period, self._plant_step),
+                *(model.positions, model.order),
+            ),
+            torque_limit=np.array([share, excess]),
+            obstacle=obstacle,
+            measured=(model, q),
+        )
+        return solution, braking
+
+    def _slowed(self, s: np.ndarray) -> np.ndarray:
+        """s (n,), scaled to the speed that q_s is asked to move at most."""
+        fastest = np.abs(s).max()
+        limit = self._constraints.fastest
+        return s if fastest <= limit else (limit / fastest) * s
+
+    def _reported(
+        self, found: Step, state: State, before: Braking
+    ) -> dict[str, np.ndarray]:
+        """The diagnostics of a safe step."""
+        of, regions = self._constraints, before.regions
+        clear = of.pairs.present_is_clear
+        if regions is not None:
+            clear = clear and bool(regions.clear.all())
+        how = np.array([found.how, found.share, of.clearance(found), float(clear)])
+        reported = {"admission": how, "T": np.array([state.T])}
+        if of.ground is not None:
+            check = found.objections.get(of.ground.name)
+            left = found.clearances.get(of.ground.name, 0.0)
+            own = (found.how, found.share) if check is not None else (AS_NOMINAL, 1.0)
+            reported["balance"] = np.array([*own, left])
+        return reported
+
+    def _usable(self, targets: Targets, time: float) -> bool:
+        """Whether targets are finite; raises InputError where that is an error."""
+        tasks, prescribed, posture = targets[:3]
+        finite = is_finite(tasks) and is_finite(prescribed) and is_finite(posture)
+        if not finite and not self.brakes_without_targets:
+            for name, value in zip(self.target_names, targets[:3], strict=True):
+                check_finite(name, value, time)
+        return finite
+
+    def _start(self, q: np.ndarray, v: np.ndarray) -> BlendStart:
+        """What is measured, to blend from."""
+        model = self.model
+        state = model.task_state(q, v)
+        return BlendStart(
+            *(state.R, state.p, q[model.prescribed_positions]),
+            state.q[model.layout.rows.joints],
+        )
+
+    def _came(self, before: Memory, q: np.ndarray, v: np.ndarray) -> bool:
+        """Whether a robot may have come here from the state a period ago."""
+        if before.q is None or not self._safe:
+            return True
+        return self._plausible.way(before.q, before.v, q, v)
+
+    def hold(
+        self,
+        workspace: Workspace,
+        memory: Memory,
+        torque_tick: int,
+        q: np.ndarray,
+        v: np.ndarray,
+    ) -> Memory:
+        """The control step with the torque that it takes at a later state.
+
+        Where effort limits are respected, the torque is clipped: what the limits allow
+        was decided in the control step.
+
+        Args:
+            workspace: of the model; left at the state (q, v).
+            memory: of the control step whose accelerations are held.
+            torque_tick: for the result.
+            q, v: (nq,), (nv,) state of the whole plant.
+        """
+        model, solved = self.model, memory.solution
+        held = torque_tick * self._torque_period
+        q, v = self._predict(memory.sent, memory.lateness, held, q, v)
+        if self._safe and memory.q is not None:
+            v = self._plausible.believed(v, memory.v)
+        model.plant.SetPositionsAndVelocities(
+            workspace.plant_context, np.concatenate((q, v))
+        )
+        actuation = model.inverse_dynamics(workspace, solved.acceleration)
+        torque_limit = solved.torque_limit
+        if self._limits_efforts:
+            actuation, excess = clip_torque(actuation, self.effort_limits)
+            torque_limit = np.array([torque_limit[0], excess])
+        solution = replace(solved, actuation=actuation, torque_limit=torque_limit)
+        return memory.at_torque_tick(torque_tick, solution)
+
+    def _predict(
+        self,
+        sent: Sequence[np.ndarray],
+        lateness: Lateness | None,
+        held: float,
+        q: np.ndarray,
+        v: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The state now, if q, v was that a latency ago and the robot did as told: by
+        the accelerations `sent`, the newest of them first, and `held` for so long [s].
+        """
+        model, left, since = self.model, self._latency, []
+        if lateness is not None:
+            left += lateness.periods * self._period
+        for vdot in sent:
+            if left <= _ROUNDING * self._period:
+                break
+            time = min(held, left)
+            since.append((vdot, time))
+            left, held = left - time, self._period
+        for vdot, time in reversed(since):
+            x = state_ahead(
+                q, v, vdot, time, self._plant_step, model.positions, model.order
+            )
+            q, v = x[: len(q)], x[len(q) :]
+        return q, v
+
+    def _sent(self, before: Memory, solution: Solution) -> tuple[np.ndarray, ...]:
+        """`Memory.sent` after a step with this solution."""
+        return (solution.acceleration, *before.sent)[: self._num_sent]
+
+    @property
+    def brakes_without_targets(self) -> bool:
+        """Whether a NaN in the targets makes the robot brake, not raise."""
+        return self._safe
+
+
+def paper_gains(parameters: PaperGains, period: float, num_pairs: int) -> Gains:
+    """The numbers of the paper's law; what is not given is NaN, or as the paper has
+    it."""
+    share = parameters.limit_share
+    return Gains(
+        damping=float(parameters.damping),
+        Gv=float(parameters.Gv),
+        GvN=math.nan if parameters.GvN is None else float(parameters.GvN),
+        rho=float(parameters.rho),
+        alpha=float(parameters.alpha),
+        beta=float(parameters.beta),
+        limit_share=composite_index(num_pairs) if share is None else float(share),
+        period=float(period),
+        velocity_level=parameters.level == "velocity",
+    )
+
+
+def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:
+    """The values of (name, value, size), as arrays; raises InputError with the name.
+
+    Copied, since what may not be written to is compiled for anew.
+    """
+    arrays = []
+    for name, value, size in given:
+        value = _NOTHING if value is None or not size else value
+        if np.shape(value) != (size,):
+            raise InputError(
+                f"{name} has shape {np.shape(value)}; it must be ({size},)"
+            )
+        arrays.append(np.array(value, dtype=float, order="C"))
+    return arrays
+
+
+def _no_orientation(what: str, time: float) -> InputError:
+    return InputError(
+        f"{what} has a quaternion of zero length at t = {time:g} s; give unit "
+        "quaternions (w, x, y, z), see TaskLayout"
+    )

@@ -1,0 +1,386 @@
+"""The controller as a Drake system."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from operator import attrgetter
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    State,
+    ValueProducer,
+)
+
+from crar_drake.errors import InputError
+from crar_drake.law.control_law import ControlLaw
+from crar_drake.law.diagnostics import ALL
+from crar_drake.law.obstacle_port import ObstaclePort
+from crar_drake.law.parameters import LookaheadParameters, Parameters
+from crar_drake.law.records import Memory, Solution, check_finite
+from crar_drake.law.references import Targets
+from crar_drake.law.vectors import is_finite
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import Workspace
+
+_NOTHING = np.zeros(0)
+
+# All that is reported of a solution, at once.
+_reported = attrgetter(*(diagnostic.key for diagnostic in ALL))
+
+
+@dataclass(slots=True)
+class _Solve:
+    """What is cached of a torque tick; a copy has contexts of its own."""
+
+    # Here because each further cache entry costs a step as much as reading a port.
+    workspace: Workspace
+    memory: Memory
+
+
+class CrarController(LeafSystem):
+    """Constrained Resolved Acceleration Control of Dariush, Bin Hammam and Orin.
+
+    The torque of Eq. (29) that makes the controlled joints accelerate by
+
+        alpha_c = alpha + Gv (q_dot_c - q_dot)                           Eq. (30)
+
+    with q_dot_c of Eq. (15) and alpha of Eq. (10) (level "velocity") or Eq. (35)
+    (level "acceleration"), both through the damped pseudo-inverse of Eq. (34),
+    weighted by the constraints.
+
+                              ┌────────────────┐
+        estimated_state ─────►│                ├──► actuation
+        desired_tasks ───────►│                ├──► desired_acceleration
+        desired_prescribed ──►│ CrarController ├──► position_command
+        nominal_posture ─────►│                ├──► diagnostics
+        obstacles (if any) ──►│                │
+                              └────────────────┘
+
+    Notation: W the world frame; T a task's frame or point; q, v the plant's
+    positions and velocities; n controlled and n_p prescribed joints, m task rows,
+    Nc watched pairs.
+
+    Input ports:
+        estimated_state: (nq + nv,) [q; v] of the control model's plant.
+        desired_tasks: (layout.size,) [x_d; v_d; a_d] in W, see `TaskLayout`.
+        desired_prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], positions, velocities
+            and accelerations of the joints `model.prescribed_names`, in that order
+            [rad or m]; only if there are prescribed joints.
+        nominal_posture: (n,) positions that the null space is drawn to [rad or m], the
+            default posture of `ControlLaw` where nothing is connected; absent if
+            `LookaheadParameters.posture_gain` is 0.
+        obstacles: (4 N,) [x; y; z; radius] of each of N spheres that move by
+            themselves, now, in W [m]. Only there if their speeds are given, and
+            connected or not: where it is not, there are none. Constraints "lookahead"
+            alone keep off them (`docs/theory/moving-obstacles.md`).
+
+    Output ports:
+        actuation: (nu,) efforts in the plant's actuator order [Nm or N], at the state
+            of the present torque tick.
+        desired_acceleration: (nv,) commanded accelerations of all joints, held for a
+            control period.
+        position_command: (nq + nv,) [q; v] one control period after the solve.
+        diagnostics: actuation, desired_acceleration, position_command and the parts
+            below one after the other; `diagnostics_slices` says where, and
+            `diagnostics(context)` has them by name.
+
+    Parts of diagnostics:
+        task_error: (m,) Eq. (11) against desired_tasks [rad, m].
+        signed_distances: (Nc,) in the order of the description's pairs [m].
+        constraint_weights: (n,) diagonal of W, Eq. (27).
+        status: (1,) 0 tracking, 1 blending in, 2 braking because a target is NaN, 3
+            braking because no robot has the measured state (`law.plausible`).
+        torque_limit: (2,) share of the nominal accelerations that the effort limits
+            allowed, and the excess before clipping of the present torque tick, see
+            `Solution`.
+        admission: (4,) how the step was found (0 nominal, 1 corrected, 2
+            scaled towards braking), the share of the nominal step, a bound from below
+            for all distances on the braking path one period on [m], and whether the
+            present one is clear (1) or not (0), see `docs/theory/theorem.md`.
+        balance: (3,) the same of a robot on its soles, see `law.ground`.
+        T: (1,) braking time constant of the step [s]. These three are NaN unless
+            constraints are "lookahead".
+
+    The law is solved once a control period, at t = 0, period, 2 period, ..., on the
+    state of that instant, and its accelerations are held until the next. What realises
+    them, the inverse dynamics of Eq. (29), is computed anew at each torque tick, on the
+    state of that instant, `Shared.torque_ticks` times a control period: a
+    torque that is held is not an acceleration that is held. Every control tick is a
+    torque tick; there the law comes first, and its torque is that of the tick. In
+    between only the torque changes, and NaN among the targets is not seen.
+
+    There is no delay. Where the plant is discrete, its own update happens at the same
+    instant as the controller's, so the outputs then answer from the new state already;
+    where it is continuous they change with the controller's update. All state is in
+    the Context: several simulators may run one diagram.
+
+    Attributes:
+        law: the `ControlLaw` that the system wraps.
+        model: the `ControlModel` that it computes with.
+        diagnostics_slices: name of a part to its place in the port "diagnostics".
+
+    Limits: joints with as many velocities as positions, all actuated, on a base that is
+    fixed; the plant's torque is exact where its model is the control model's, time step
+    included, and the acceleration is exactly held where each of its steps is a torque
+    tick.
+    """
+
+    def __init__(
+        self,
+        model: ControlModel,
+        parameters: Parameters | None = None,
+        *,
+        plant_is_discrete: bool = True,
+        obstacle_speeds: Sequence[float] = (),
+    ) -> None:
+        """
+        Args:
+            model: the robot, its tasks and watched pairs.
+            parameters: gains and modes; by default `LookaheadParameters()`.
+            plant_is_discrete: whether the plant that takes the torque is discrete;
+                see the class documentation for what it changes.
+            obstacle_speeds: (N,) bounds of the speeds of obstacles [m/s].
+
+        Raises:
+            ModelError: as of `ControlLaw`.
+            ScenarioError: a parameter is out of range, or does not go with obstacles.
+        """
+        super().__init__()
+        self.set_name("crar_controller")
+        gains = parameters or LookaheadParameters()
+        safe = isinstance(gains, LookaheadParameters)
+        if obstacle_speeds and safe:
+            gains = gains.among_obstacles()
+        self.law = ControlLaw(model, gains)
+        self._plant_is_discrete = plant_is_discrete
+        plant_step = model.plant.time_step() if plant_is_discrete else 0.0
+        self._torque_ticks = self.law.parameters.torque_ticks(plant_step)
+        self._torque_period = self.law.parameters.torque_period_for(plant_step)
+
+        nq = model.plant.num_positions()
+        nv = model.plant.num_velocities()
+        self._nq = nq
+        self._state_port = self.DeclareVectorInputPort("estimated_state", nq + nv)
+        self._tasks_port = self.DeclareVectorInputPort(
+            "desired_tasks", model.layout.size
+        )
+        self._prescribed_port = self._posture_port = None
+        if model.n_p:
+            self._prescribed_port = self.DeclareVectorInputPort(
+                "desired_prescribed", 3 * model.n_p
+            )
+        if self.law.has_posture:
+            self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
+        self._obstacles = ObstaclePort(self, obstacle_speeds)
+        if self._obstacles and safe:
+            self.law.among  # noqa: B018 (what does not go with them is refused now)
+
+        nothing_yet = Memory()
+        held = self.DeclareAbstractState(AbstractValue.Make(nothing_yet))
+        self._held_index = int(held)
+        sources = {
+            self.time_ticket(),
+            self.all_input_ports_ticket(),
+            self.abstract_state_ticket(held),
+        }
+        self._solve_cache = self.DeclareCacheEntry(
+            "this torque tick",
+            ValueProducer(
+                allocate=lambda: AbstractValue.Make(
+                    _Solve(model.MakeWorkspace(), nothing_yet)
+                ),
+                calc=self._CalcStep,
+            ),
+            sources,
+        )
+        period = self._torque_period
+        if plant_is_discrete and period != plant_step:
+            # k periods and the plant's steps up to then may differ by rounding. A
+            # tick just before the plant's step sees the state that it starts from;
+            # one just after it would see the next one, and solve again.
+            period *= 1.0 - 4e-15
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._Update)
+
+        self._outputs, self.diagnostics_slices, end = {}, {}, 0
+        for part in ALL:
+            name, size = part.name, part.size(model)
+            if part.connected:
+                self._outputs[name] = self.DeclareVectorOutputPort(
+                    name, size, self._MakeOutputCalc(part.key), sources
+                )
+            self.diagnostics_slices[name] = slice(end, end + size)
+            end += size
+        self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
+            "diagnostics", end, self._CalcDiagnostics, sources
+        )
+        x, tasks, prescribed, posture = (
+            f"input port {name} of {self.get_name()}"
+            for name in (
+                "estimated_state",
+                "desired_tasks",
+                "desired_prescribed",
+                "nominal_posture",
+            )
+        )
+        self._state_name = x
+        self.law.target_names = (tasks, prescribed, posture)
+
+    @property
+    def model(self) -> ControlModel:
+        """The control model: joints, tasks and their layout, watched pairs."""
+        return self.law.model
+
+    def get_input_port_estimated_state(self) -> InputPort:
+        """Port (nq + nv,): measured [q; v]."""
+        return self._state_port
+
+    def get_input_port_desired_tasks(self) -> InputPort:
+        """Port (layout.size,): [x_d; v_d; a_d]."""
+        return self._tasks_port
+
+    def get_input_port_desired_prescribed(self) -> InputPort | None:
+        """Port (3 n_p,): [q_p; q_dot_p; q_ddot_p]; None without such joints."""
+        return self._prescribed_port
+
+    def get_input_port_nominal_posture(self) -> InputPort | None:
+        """Port (n,), may be left open; None if `posture_gain` is 0."""
+        return self._posture_port
+
+    def get_input_port_obstacles(self) -> InputPort:
+        """Port (4 N,), may be left open: [x; y; z; radius] of each obstacle now.
+
+        Raises:
+            InputError: the controller was made without `obstacle_speeds`.
+        """
+        return self._obstacles.port
+
+    def get_output_port_actuation(self) -> OutputPort:
+        """Port (nu,): efforts [Nm or N]."""
+        return self._outputs["actuation"]
+
+    def get_output_port_desired_acceleration(self) -> OutputPort:
+        """Port (nv,): commanded accelerations, held [rad/s^2 or m/s^2]."""
+        return self._outputs["desired_acceleration"]
+
+    def get_output_port_position_command(self) -> OutputPort:
+        """Port (nq + nv,): [q; v] one control period on."""
+        return self._outputs["position_command"]
+
+    def get_output_port_diagnostics(self) -> OutputPort:
+        """Port: all parts, placed as `diagnostics_slices` says."""
+        return self._outputs["diagnostics"]
+
+    def diagnostics(self, context: Context) -> dict[str, np.ndarray]:
+        """The parts of the port `diagnostics` by name, see the class documentation.
+
+        Args:
+            context: the controller's own, `GetMyContextFromRoot` of a diagram's.
+        """
+        values = self._outputs["diagnostics"].Eval(context)
+        return {name: values[at] for name, at in self.diagnostics_slices.items()}
+
+    def obstacle(self, context: Context) -> tuple[str, str] | None:
+        """The number of the obstacle that holds the robot back, and the link; None if
+        none does.
+
+        Args:
+            context: as of `diagnostics`.
+        """
+        return self._EvalSolution(context).obstacle
+
+    def __getattr__(self, name: str):
+        # Found only where nothing has the name.
+        part = name.removeprefix("get_output_port_")
+        if part != name and part in self.__dict__.get("diagnostics_slices", {}):
+            raise AttributeError(
+                f"{part} has no port of its own: it is a part of the port diagnostics, "
+                f'controller.diagnostics(context)["{part}"]'
+            )
+        raise AttributeError(f"CrarController has no attribute {name!r}")
+
+    def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.concatenate(_reported(self._EvalSolution(context))))
+
+    def _MakeOutputCalc(self, key: str):
+        def calc(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(getattr(self._EvalSolution(context), key))
+
+        return calc
+
+    def _EvalSolution(self, context: Context) -> Solution:
+        """The held solution, or that of a tick whose update has not come yet."""
+        held = self._GetHeld(context)
+        now, then = self._Tick(context.get_time()), (held.tick, held.torque_tick)
+        newer = now > then and self._plant_is_discrete
+        # An older tick: the user set the time back.
+        if held.solution is None or newer or now < then:
+            return self._solve_cache.Eval(context).memory.solution
+        return held.solution
+
+    def _Update(self, context: Context, state: State) -> None:
+        memory = self._solve_cache.Eval(context).memory
+        state.get_mutable_abstract_state(self._held_index).set_value(memory)
+
+    def _CalcStep(self, context: Context, value: AbstractValue) -> None:
+        time = context.get_time()
+        tick, torque_tick = self._Tick(time)
+        held = self._GetHeld(context)
+        x = self._EvalPort(self._state_port, context)
+        if not is_finite(x):
+            check_finite(self._state_name, x, time)
+        solve = value.get_value()
+        workspace = solve.workspace
+        q, v = x[: self._nq], x[self._nq :]
+        same_period = held.solution is not None and tick == held.tick
+        if same_period and torque_tick > held.torque_tick:
+            solve.memory = self.law.hold(workspace, held, torque_tick, q, v)
+            return
+        memory = held if tick > held.tick else Memory()
+        targets = Targets(
+            self._EvalPort(self._tasks_port, context),
+            self._EvalPort(self._prescribed_port, context),
+            self._EvalPosture(context),
+        )
+        obstacles = self._obstacles.Eval(context)
+        solve.memory = self.law.solve(
+            workspace, memory, tick, time, q, v, targets, obstacles
+        )
+        if torque_tick:
+            # A run that begins between control ticks. The next one comes too early to
+            # tell what the plant does in a period.
+            solve.memory = replace(
+                solve.memory, torque_tick=torque_tick, continues=False
+            )
+
+    def _EvalPort(self, port: InputPort | None, context: Context) -> np.ndarray:
+        if port is None:
+            return _NOTHING
+        try:
+            return port.Eval(context)
+        except RuntimeError as error:
+            if port.HasValue(context):
+                raise
+            raise InputError(
+                f"input port {port.get_name()} of {self.get_name()} is not connected"
+            ) from error
+
+    def _EvalPosture(self, context: Context) -> np.ndarray:
+        port = self._posture_port
+        if port is None or not port.HasValue(context):
+            return _NOTHING
+        return port.Eval(context)
+
+    def _GetHeld(self, context: Context) -> Memory:
+        return context.get_abstract_state(self._held_index).get_value()
+
+    def _Tick(self, time: float) -> tuple[int, int]:
+        """Number of the control tick, and of the torque tick since then."""
+        # The time of a tick is a multiple of the period up to rounding.
+        ticks = math.floor(time / self._torque_period + 1e-6)
+        return divmod(ticks, self._torque_ticks)

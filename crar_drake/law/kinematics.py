@@ -1,0 +1,389 @@
+"""From joint positions and velocities to the numbers of a state: Eqs. (5), (6).
+
+The robot is a tree of frames, each moved by one velocity against its parent; bodies
+that are welded share a frame, and frame 0 is the world. `robot.kinematics` reads the
+tree off Drake's plant; its formulas are Featherstone's (Rigid Body Dynamics Algorithms,
+2008, chapters 2 and 4).
+
+About the world's origin, the spatial velocity that joint j gives is the same for every
+link that it carries, and 0 for all others. One matrix S (6, nv) therefore serves all
+links: a wrench [moment about the origin; force] on link L does work on the joints at
+the rates wrench^T S, of the joints that carry L. A force f at point p is the wrench
+[p x f; f].
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from crar_drake.law.capsule_distances import nearest_of_pairs
+from crar_drake.law.collisions import distance_gradient_about_origin
+from crar_drake.law.compilation import Held, compiled
+from crar_drake.law.tasks import TaskRows, rotation_from_quaternion, stack_rows
+from crar_drake.law.vectors import transposed
+
+
+class Tree(NamedTuple):
+    """The frames of a robot, N = nv + 1, parents before their children.
+
+    The transposed pose (4, 4) of frame i in its parent is
+
+        fixed_i + sin(q) sine_i + (1 - cos(q)) versine_i + q slide_i,
+
+    with q the position that moves it: Rodrigues' formula for a turn about an axis that
+    is fixed in both, a slide along one, or both at once (a screw).
+
+    A free joint (Drake's quaternion floating joint) has two frames instead of six: one
+    that follows its translation and does not turn, in which its angular velocity is
+    measured, and next the one that turns.
+    """
+
+    parent: np.ndarray  # (N,) the world is its own
+    position: np.ndarray  # (N,) which of the plant's positions; of the world's, any
+    fixed: np.ndarray  # (N, 4, 4) of the world, the identity
+    sine: np.ndarray  # (N, 4, 4) of the world, as the others, 0
+    versine: np.ndarray
+    slide: np.ndarray
+    every: np.ndarray  # (N,) True
+    # (F, 2) of free joints: the first frame, and where in the plant's positions their
+    # quaternion is, with the translation after it
+    free: np.ndarray
+
+
+class TaskPoints(NamedTuple):
+    """What moves a robot's tasks; T tasks, m rows."""
+
+    fixed: np.ndarray  # (m, 6) of `task_jacobian`
+    of_rows: np.ndarray  # (m,) the task of each row
+    carried: np.ndarray  # (m, nv) 1 where the joint moves the row's task
+    carries: np.ndarray  # (T, nv) 1 where the joint moves the task
+    above: np.ndarray  # (nv, nv) 1 where joint j moves joint i's frame, i = j included
+    of_joints: np.ndarray  # (m, nv) 1 where a row is that joint; (0, 0) if none is
+
+
+@compiled
+def free_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
+    """`Tree.fixed` with the poses of the free joints' frames, (N, 4, 4).
+
+    Args:
+        q: (nq,) positions of all joints, in the plant's order.
+    """
+    X = tree.fixed
+    if len(tree.free):
+        X = tree.fixed.copy()
+        for k in range(len(tree.free)):
+            frame, at = tree.free[k, 0], tree.free[k, 1]
+            p = q[at + 4 : at + 7]
+            for c in range(3):
+                for r in range(3):
+                    X[frame, 3, c] += p[r] * X[frame, r, c]
+            R = rotation_from_quaternion(q[at : at + 4].copy().reshape(1, 4))[0]
+            for c in range(3):
+                for r in range(3):
+                    X[frame + 1, c, r] = R[r, c]
+    return X
+
+
+@compiled
+def link_poses(q: np.ndarray, tree: Tree, needed: np.ndarray) -> np.ndarray:
+    """X (K, 4 N, 3): the frames' poses X_WL, transposed, one below the other [m].
+
+    Of each frame three rows of R_WL^T, and then p_WL.
+
+    Args:
+        q: (K, nq) positions of all joints in K configurations, in the plant's order.
+        needed: (N,) bool, which frames, parents with their children; `Tree.every`.
+    """
+    K, N = len(q), len(tree.parent)
+    X = np.empty((K, 4 * N, 3))
+    for k in range(K):
+        fixed_at = free_poses(q[k], tree)
+        for c in range(3):
+            for r in range(4):
+                X[k, r, c] = 1.0 if r == c else 0.0
+        for i in range(1, N):
+            if not needed[i]:
+                continue
+            at = q[k, tree.position[i]]
+            s, versine = math.sin(at), 1.0 - math.cos(at)
+            up, here = 4 * tree.parent[i], 4 * i
+            fixed, sine = fixed_at[i], tree.sine[i]
+            turn, slide = tree.versine[i], tree.slide[i]
+            for r in range(4):
+                x = fixed[r, 0] + s * sine[r, 0] + versine * turn[r, 0]
+                y = fixed[r, 1] + s * sine[r, 1] + versine * turn[r, 1]
+                z = fixed[r, 2] + s * sine[r, 2] + versine * turn[r, 2]
+                if r == 3:
+                    x += at * slide[3, 0]
+                    y += at * slide[3, 1]
+                    z += at * slide[3, 2]
+                for c in range(3):
+                    X[k, here + r, c] = (
+                        x * X[k, up, c] + y * X[k, up + 1, c] + z * X[k, up + 2, c]
+                    )
+            for c in range(3):
+                X[k, here + 3, c] += X[k, up + 3, c]
+    return X
+
+
+@compiled
+def place_points(X: np.ndarray, selection: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Points and vectors (K, P, 3) in W, in K configurations.
+
+    Args:
+        X: (K, 4 N, 3) of `link_poses`.
+        selection: (P, 4) homogeneous points and vectors in their frames, whose rows
+            of X begin at
+        first: (P,).
+    """
+    C = np.empty((len(X), len(selection), 3))
+    one = np.uintp(1)
+    for k in range(len(X)):
+        for i in range(len(selection)):
+            # Of a signed place Numba asks each time whether it counts from the end.
+            j = np.uintp(first[i])
+            x, y, z = j + one, j + one + one, j + one + one + one
+            of = selection[i]
+            p, q, r, s = of[0], of[1], of[2], of[3]
+            for c in range(3):
+                first_two = p * X[k, j, c] + q * X[k, x, c]
+                C[k, i, c] = first_two + r * X[k, y, c] + s * X[k, z, c]
+    return C
+
+
+@compiled
+def joint_motion(placed: np.ndarray) -> np.ndarray:
+    """S (K, 6, nv): how each joint moves what it carries, about the world's origin.
+
+    Args:
+        placed: (K, 3 nv, 3) in W, in K configurations: a point of each joint's axis
+            [m]; then the unit vectors along the axes, 0 where nothing turns; then
+            the directions of slides, 0 where nothing slides.
+    """
+    K, nv = len(placed), placed.shape[1] // 3
+    S = np.empty((K, 6, nv))
+    for k in range(K):
+        for j in range(nv):
+            p, turn, slide = placed[k, j], placed[k, nv + j], placed[k, 2 * nv + j]
+            S[k, 0, j], S[k, 1, j], S[k, 2, j] = turn[0], turn[1], turn[2]
+            S[k, 3, j] = p[1] * turn[2] - p[2] * turn[1] + slide[0]
+            S[k, 4, j] = p[2] * turn[0] - p[0] * turn[2] + slide[1]
+            S[k, 5, j] = p[0] * turn[1] - p[1] * turn[0] + slide[2]
+    return S
+
+
+@compiled
+def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray:
+    """Eq. (5): the task Jacobian J (m, nv), of v = J q_dot, from the joints' motion.
+
+    A unit velocity of a task's point p along axis e is felt by the joints as the
+    wrench [p x e; e] about the world's origin, a turn about e as [e; 0]: these are
+    the rows that multiply S. The row of a joint is a unit vector.
+
+    Args:
+        p: (T, 3) the tasks' points in W [m].
+        S: (6, nv) `joint_motion`.
+        tasks: with the turns or axes e of the rows, 0 of a joint's.
+    """
+    m, nv = tasks.carried.shape
+    J = tasks.of_joints.copy() if len(tasks.of_joints) else np.zeros((m, nv))
+    for i in range(m):
+        e_0, e_1, e_2 = tasks.fixed[i, 3], tasks.fixed[i, 4], tasks.fixed[i, 5]
+        if not tasks.fixed[i].any():
+            continue  # of a joint
+        at = tasks.of_rows[i]
+        w_0 = p[at, 1] * e_2 - p[at, 2] * e_1 + tasks.fixed[i, 0]
+        w_1 = p[at, 2] * e_0 - p[at, 0] * e_2 + tasks.fixed[i, 1]
+        w_2 = p[at, 0] * e_1 - p[at, 1] * e_0 + tasks.fixed[i, 2]
+        for j in range(nv):
+            if tasks.carried[i, j] != 0.0:
+                turning = w_0 * S[0, j] + w_1 * S[1, j] + w_2 * S[2, j]
+                J[i, j] += turning + e_0 * S[3, j] + e_1 * S[4, j] + e_2 * S[5, j]
+    return J
+
+
+@compiled
+def task_bias(
+    p: np.ndarray, S: np.ndarray, v: np.ndarray, tasks: TaskPoints, rows: TaskRows
+) -> np.ndarray:
+    """Eq. (6): Jdot q_dot (m,), the tasks' acceleration where no joint accelerates.
+
+    Joint j's column of S turns and moves with the frame that carries it, whose
+    spatial velocity about the world's origin is [w; u] = sum S_i q_dot_i over the
+    joints up to j, so that
+
+        d/dt S_j q_dot_j = [w x s; w x t + u x s],     [s; t] = S_j q_dot_j.
+
+    The sum A = [alpha; a] over the joints that carry a task is the acceleration of
+    what passes the world's origin, less w x u; that of the task's point p is
+
+        a_p = a + alpha x p + w x (u + w x p),      [w; u] of the task's link.
+
+    Args:
+        p: (T, 3) the tasks' points in W [m].
+        S: (6, nv) `joint_motion`.
+        v: (nv,) velocities.
+    """
+    nv, T = len(v), len(tasks.carries)
+    is_pose, moves_one = np.zeros(T, dtype=np.bool_), np.zeros(nv, dtype=np.bool_)
+    for of in (rows.angular_tasks, rows.linear_tasks):
+        for i in of:
+            is_pose[i] = True
+            for j in range(nv):
+                moves_one[j] |= tasks.carries[i, j] != 0.0
+    own, change, moving = np.zeros((nv, 6)), np.empty((nv, 6)), np.empty(6)
+    for j in range(nv):
+        if not moves_one[j]:
+            continue
+        for c in range(6):
+            own[j, c] = S[c, j] * v[j]
+    for j in range(nv):
+        if not moves_one[j]:
+            continue
+        for c in range(6):
+            moving[c] = 0.0
+        for i in range(nv):
+            if tasks.above[j, i] != 0.0:
+                for c in range(6):
+                    moving[c] += own[i, c]
+        s_0, s_1, s_2 = own[j, 0], own[j, 1], own[j, 2]
+        t_0, t_1, t_2 = own[j, 3], own[j, 4], own[j, 5]
+        w_0, w_1, w_2 = moving[0], moving[1], moving[2]
+        u_0, u_1, u_2 = moving[3], moving[4], moving[5]
+        change[j, 0] = w_1 * s_2 - w_2 * s_1
+        change[j, 1] = w_2 * s_0 - w_0 * s_2
+        change[j, 2] = w_0 * s_1 - w_1 * s_0
+        change[j, 3] = (w_1 * t_2 - w_2 * t_1) + (u_1 * s_2 - u_2 * s_1)
+        change[j, 4] = (w_2 * t_0 - w_0 * t_2) + (u_2 * s_0 - u_0 * s_2)
+        change[j, 5] = (w_0 * t_1 - w_1 * t_0) + (u_0 * s_1 - u_1 * s_0)
+    alpha, a_p = np.zeros((T, 3)), np.zeros((T, 3))
+    A, link = np.empty(6), np.empty(6)
+    for i in range(T):
+        if not is_pose[i]:
+            continue
+        for c in range(6):
+            A[c], link[c] = 0.0, 0.0
+        for j in range(nv):
+            if tasks.carries[i, j] != 0.0:
+                for c in range(6):
+                    A[c] += change[j, c]
+                    link[c] += own[j, c]
+        x, y, z = p[i, 0], p[i, 1], p[i, 2]
+        w_0, w_1, w_2 = link[0], link[1], link[2]
+        u_0 = link[3] + (w_1 * z - w_2 * y)
+        u_1 = link[4] + (w_2 * x - w_0 * z)
+        u_2 = link[5] + (w_0 * y - w_1 * x)
+        alpha[i, 0], alpha[i, 1], alpha[i, 2] = A[0], A[1], A[2]
+        a_p[i, 0] = A[3] + (A[1] * z - A[2] * y) + (w_1 * u_2 - w_2 * u_1)
+        a_p[i, 1] = A[4] + (A[2] * x - A[0] * z) + (w_2 * u_0 - w_0 * u_2)
+        a_p[i, 2] = A[5] + (A[0] * y - A[1] * x) + (w_0 * u_1 - w_1 * u_0)
+    return stack_rows(alpha[rows.angular_tasks], a_p[rows.linear_tasks], rows)
+
+
+class State(NamedTuple):
+    """The numbers of one state, all in the world frame W.
+
+    nv velocities, the controlled joints' first and then the prescribed ones', a free
+    root's at the end, whose orientation has a position more; K = 2 configurations where
+    the robot would come to rest counts, too, else 1; Nr rows of watched shapes, see
+    `capsule_distances.ShapePairs`.
+    """
+
+    q: np.ndarray  # (nq,) positions of the joints [rad, m]
+    v: np.ndarray  # (nv,) velocities [rad/s, m/s]
+    R: np.ndarray  # (Na, 3, 3) orientations R_WT of the tasks that have one
+    p: np.ndarray  # (Nl, 3) positions p_WT of the tasks that have one [m]
+    J: np.ndarray  # (m, nv) Eq. (5)
+    Jdot_qdot: np.ndarray  # (m,) Eq. (6)
+    d: np.ndarray  # (K, Nr) signed distances [m]
+    dd_dv: np.ndarray  # (K, Nr, nv) Eq. (20)
+
+
+class Measured(NamedTuple):
+    """A measured state, and where the robot would come to rest from it if K = 2."""
+
+    q: np.ndarray  # (K, nq) positions in the plant's order
+    v: np.ndarray  # (nv,) velocities in the plant's order
+    asked: np.ndarray  # (N, 7) see `nearest_of_pairs`; (0, 7) without pairs
+
+
+class Robot(NamedTuple):
+    """What the equations need to know of a robot and its tasks.
+
+    Its parts are held: handing them on is quick to compile, and to do.
+    """
+
+    order: np.ndarray  # (nv,) places in the plant's v: first the controlled joints
+    positions: np.ndarray  # (nq,) places in the plant's q, in the same order
+    n: int  # number of controlled joints' velocities
+    # (P, 4) of `place_points`: the joints' axes, as in `joint_motion`; the tasks'
+    # points; the axes of the tasks with an orientation; and those of the watched shapes
+    selection: np.ndarray
+    first: np.ndarray  # (P,) of `place_points` as well
+    tree: Held  # of a `Tree`
+    tasks: Held  # of `TaskPoints`
+    rows: Held  # of `TaskRows`
+    pairs: Held  # of `ShapePairs`, in as many configurations as `Measured` has
+
+
+@compiled
+def find_state(measured: Measured, r: Robot) -> State:
+    """Eqs. (5), (6), (20): the numbers of a state."""
+    tasks, rows, nv = r.tasks.value, r.rows.value, len(r.order)
+    tree = r.tree.value
+    X = link_poses(measured.q, tree, tree.every)
+    points = place_points(X, r.selection, r.first)
+    S = joint_motion(points[:, : 3 * nv])
+    pairs = r.pairs.value
+    d, normal, p_WA = nearest_of_pairs(points, measured.asked, pairs)
+    T, Na = len(tasks.carries), len(rows.angular_tasks)
+    first = 3 * nv
+    p = points[0, first : first + T]
+    axes = points[0, first + T : first + T + 3 * Na]
+    axes = axes.reshape(-1, 3, 3)  # columns of R_WT, as rows
+    v = measured.v[r.order]
+    return State(
+        measured.q[0][r.positions],
+        v,
+        transposed(axes),
+        p[rows.linear_tasks],
+        task_jacobian(p, S[0], tasks),
+        task_bias(p, S[0], v, tasks, rows),
+        d.reshape(len(S), -1),
+        distance_gradient_about_origin(normal, p_WA, S, pairs.moves),
+    )
+
+
+@compiled
+def measured_distances(measured: Measured, robot: Held) -> np.ndarray:
+    """The signed distances of a state alone, (Nr,) [m]."""
+    r = robot.value
+    tree = r.tree.value
+    X = link_poses(measured.q, tree, tree.every)
+    points = place_points(X, r.selection, r.first)
+    d, _, _ = nearest_of_pairs(points, measured.asked, r.pairs.value)
+    return d
+
+
+@compiled
+def evaluate_state(measured: Measured, robot: Held) -> State:
+    """`find_state`, of a held `Robot`."""
+    return find_state(measured, robot.value)
+
+
+@compiled
+def join_joints(
+    qddot: np.ndarray, qddot_p: np.ndarray, order: np.ndarray
+) -> np.ndarray:
+    """Accelerations (nv,) in the plant's order.
+
+    Args:
+        qddot, qddot_p: (n,), (n_p,) of the controlled and the prescribed joints.
+        order: (nv,) their places in the plant's order, see `Robot`.
+    """
+    vdot = np.empty(len(order))
+    n = len(qddot)
+    for i in range(len(order)):
+        vdot[order[i]] = qddot[i] if i < n else qddot_p[i - n]
+    return vdot

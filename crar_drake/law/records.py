@@ -1,0 +1,144 @@
+"""What a control step answers, and what it leaves to the next.
+
+With what is measured (`law.kinematics.Measured`), what is wanted
+(`law.references.Targets`) and the parameters these are all of its records.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from crar_drake.errors import InputError
+from crar_drake.law.constraints import Braking
+from crar_drake.law.lateness import Lateness
+from crar_drake.law.references import BlendStart
+from crar_drake.robot.model import ControlModel
+
+# Values of the diagnostic "status".
+STATUS_TRACKING = 0.0  # the targets as given
+STATUS_BLENDING = 1.0  # on the way onto the targets
+STATUS_BRAKING = 2.0  # a target is NaN: coming to rest
+STATUS_IMPLAUSIBLE = 3.0  # no robot has the measured state: coming to rest
+
+
+_NAN = np.full(4, np.nan)
+
+
+@dataclass(slots=True)
+class Solution:
+    """The results of one control step.
+
+    Attributes:
+        acceleration: (nv,) commanded accelerations of all joints: alpha_c of
+            Eq. (30) for the controlled, the desired motion's for the prescribed. They
+            are held for a control period.
+        task_error: (m,) Eq. (11) against the targets as given, before blending and task
+            weights [rad, m].
+        constraint_weights: (n,) diagonal of W.
+        constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
+        admission: (4,) how the step was found (0 nominal, 1 corrected, 2 scaled towards
+            braking), the share of the nominal step, a bound from below for all
+            distances on the next braking path [m], and 1 if the present one is clear,
+            else 0. This and the next two are NaN unless constraints are "lookahead".
+        balance: (3,) the same where the ground objected, without the last, and what it
+            has left [m of the weight's arm]; NaN without `controller.balance`.
+        T: (1,) braking time constant of the step [s].
+        kept: `law.nominal.Nominal.kept`, for the next step; never changed in place.
+        actuation: (nu,) efforts of the accelerations at the state that they were last
+            computed for, in the order of the plant's actuators [Nm or N].
+        position_command: (nq + nv,) the q and v that the accelerations lead to
+            in one control period, see `law.prediction`.
+        status: (1,) STATUS_TRACKING, STATUS_BLENDING, STATUS_BRAKING or
+            STATUS_IMPLAUSIBLE.
+        torque_limit: (2,) how much the step left of the way from braking to the
+            nominal accelerations where motors had not the torque for these, else 1; and
+            by which share of its limit the worst actuator was beyond it before
+            clipping. The share is decided in the control step; the excess is that of
+            `actuation`.
+        obstacle: that moves by itself, and the link that it holds back; None of none.
+        measured: the model, and (nq,) where the robot was in the control step.
+    """
+
+    acceleration: np.ndarray
+    task_error: np.ndarray
+    constraint_weights: np.ndarray
+    constrained_velocity: np.ndarray
+    admission: np.ndarray = field(default_factory=lambda: _NAN[:4])
+    balance: np.ndarray = field(default_factory=lambda: _NAN[:3])
+    T: np.ndarray = field(default_factory=lambda: _NAN[:1])
+    kept: Any = None
+    actuation: np.ndarray | None = None
+    position_command: np.ndarray | None = None
+    status: np.ndarray | None = None
+    torque_limit: np.ndarray | None = None
+    obstacle: tuple[str, str] | None = None
+    measured: tuple[ControlModel, np.ndarray] | None = None
+
+    @property
+    def signed_distances(self) -> np.ndarray:
+        """(Nc,) per watched pair, where the robot was in the control step [m]."""
+        model, q = self.measured
+        return model.signed_distances(q)
+
+
+@dataclass(slots=True)
+class Memory:
+    """What one control step leaves to the next; never changed in place."""
+
+    tick: int = -1  # number of the control step; -1 before the first
+    # which torque tick of the control period the solution's torque is of; 0 is the
+    # control step itself
+    torque_tick: int = 0
+    # its results, whose accelerations are held; None before the first
+    solution: Solution | None = None
+    # what was measured, with velocities that were believed; where the robot brakes
+    # without targets, those that it should have a period on. None before the first
+    # step.
+    q: np.ndarray | None = None  # (nq,)
+    v: np.ndarray | None = None  # (nv,)
+    # whether the next step may build on this one's accelerations: not where the robot
+    # braked without targets, nor where a run began between two control ticks
+    continues: bool = False
+    start_time: float | None = None  # when blending began [s], None if it has yet to
+    # what was measured then; None if it has yet to begin
+    start: BlendStart | None = None
+    braking: Braking = Braking()  # what is known of the next state's braking path
+    # accelerations (nv,) that were commanded, the newest first; as many as
+    # `Shared.latency` and `lateness` need
+    sent: tuple[np.ndarray, ...] = ()
+    # how late states are; None where nobody looks for it
+    lateness: Lateness | None = None
+
+    def at_torque_tick(self, torque_tick: int, solution: Solution) -> Memory:
+        """The same control step with the torque of a later torque tick."""
+        # `dataclasses.replace` takes four times as long.
+        return Memory(
+            self.tick,
+            torque_tick,
+            solution,
+            self.q,
+            self.v,
+            self.continues,
+            self.start_time,
+            self.start,
+            self.braking,
+            self.sent,
+            self.lateness,
+        )
+
+    def __deepcopy__(self, memo: dict) -> Memory:
+        return self  # Drake copies states often; nothing here is ever changed.
+
+
+def check_finite(name: str, value: np.ndarray, time: float) -> None:
+    """Raises InputError, with the port or argument and the time, on NaN or inf."""
+    if not np.isfinite(value).all():
+        bad = np.flatnonzero(~np.isfinite(value))
+        raise InputError(
+            f"{name} has a NaN or infinite value at t = {time:g} s "
+            f"(entries {', '.join(map(str, bad[:8]))}"
+            f"{', ...' if len(bad) > 8 else ''}); check what is connected to it"
+        )

@@ -1,0 +1,207 @@
+"""Reference velocity and acceleration of the tasks: Eqs. (9) and (14)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from crar_drake.law.blending import blend_tasks, blend_vectors
+from crar_drake.law.compilation import compiled
+from crar_drake.law.kinematics import State
+from crar_drake.law.tasks import (
+    DesiredTasks,
+    TaskRows,
+    put_joint_rows,
+    task_error,
+    unpack_tasks,
+)
+from crar_drake.law.vectors import times
+
+
+@compiled
+def reference_velocity(
+    v_d: np.ndarray, e: np.ndarray, K: float | np.ndarray
+) -> np.ndarray:
+    """Eq. (9), in brackets: v_d + K e, also the right side of Eq. (15), (m,).
+
+    Args:
+        v_d: (m,) desired task velocity [rad/s, m/s].
+        e: (m,) task error of Eq. (11) [rad, m].
+        K: gain, a scalar or (m,) [1/s].
+    """
+    return v_d + K * e
+
+
+@compiled
+def reference_acceleration(
+    a_d: np.ndarray,
+    v_d: np.ndarray,
+    v: np.ndarray,
+    e: np.ndarray,
+    Kp: float | np.ndarray,
+    Kv: float | np.ndarray,
+) -> np.ndarray:
+    """Eq. (14): a_r = a_d + Kv (v_d - v) + Kp e, (m,) [rad/s^2, m/s^2].
+
+    Args:
+        a_d: (m,) desired task acceleration [rad/s^2, m/s^2].
+        v_d: (m,) desired task velocity [rad/s, m/s].
+        v: (m,) present task velocity [rad/s, m/s].
+        e: (m,) task error of Eq. (11) [rad, m].
+        Kp: gain, a scalar or (m,) [1/s^2].
+        Kv: gain, a scalar or (m,) [1/s].
+    """
+    return a_d + Kv * (v_d - v) + Kp * e
+
+
+_NONE = np.zeros(0)
+
+
+class TaskGains(NamedTuple):
+    """The gains on tasks and prescribed joints, see `PaperGains`."""
+
+    K: float  # [1/s]
+    Kp: float  # [1/s^2]
+    Kv: float  # [1/s]
+    posture: float  # stiffness towards the nominal posture [1/s^2]
+    weights: np.ndarray  # (m,) of the rows, `tasks.task_weights`; (0,) if all are 1
+
+
+class BlendStart(NamedTuple):
+    """What was measured where blending began."""
+
+    R: np.ndarray  # (Na, 3, 3) orientations R_WT
+    p: np.ndarray  # (Nl, 3) positions p_WT [m]
+    q_p: np.ndarray  # (n_p,) positions of the prescribed joints
+    q: np.ndarray = _NONE  # (Nj,) positions of the tasks that are joints
+
+
+_NOWHERE = BlendStart(np.zeros((0, 3, 3)), np.zeros((0, 3)), _NONE)
+
+
+class Targets(NamedTuple):
+    """The targets of one control step."""
+
+    tasks: np.ndarray  # (layout.size,) [x_d; v_d; a_d] as given, see `TaskLayout`
+    prescribed: np.ndarray  # (3 n_p,) desired [q_p; q_dot_p; q_ddot_p]
+    posture: np.ndarray  # (n,) that the null space is drawn to; (0,) if not given
+    start: BlendStart = _NOWHERE  # where blending began, and how far it is:
+    blend: tuple[float, float, float] = (1.0, 0.0, 0.0)  # of `blending.smooth_step`
+
+
+class References(NamedTuple):
+    """What the targets ask for, with task weights applied to every row."""
+
+    J: np.ndarray  # (m, n) task Jacobian of the controlled joints
+    v_r: np.ndarray  # (m,) v_d + K e less the prescribed joints' share
+    a_r: np.ndarray  # (m,) Eq. (14) less the prescribed joints' share and the bias.
+    posture: np.ndarray  # (n,) acceleration towards the nominal posture; 0 if off
+    qddot_p: np.ndarray  # (n_p,) accelerations of the prescribed joints
+    error: np.ndarray  # (m,) Eq. (11) against the targets as given, without weights.
+    # (n,) what the damped inverse is damped towards at the velocity level,
+    # `undamped_preference`; (0,) for 0
+    qdot_0: np.ndarray = _NONE
+    qddot_0: np.ndarray = _NONE  # (n,) and at the acceleration level; (0,) for 0
+    e: np.ndarray = _NONE  # (m,) Eq. (11) against the blended targets
+    e_dot: np.ndarray = _NONE  # (m,) how fast it changes
+    a_ff: np.ndarray = _NONE  # (m,) a_r without feedback
+
+
+@compiled
+def find_error(
+    q: np.ndarray, R: np.ndarray, p: np.ndarray, desired: DesiredTasks, rows: TaskRows
+) -> np.ndarray:
+    """Eq. (11) of tasks of every kind, (m,) [rad, m].
+
+    Args:
+        q: (n,) positions of the controlled joints, or of all in that order [rad or m].
+        R, p: (Na, 3, 3), (Nl, 3) of the tasks, see `task_error`.
+    """
+    e = task_error(rows, R, p, desired.R, desired.p)
+    return put_joint_rows(e, desired.q - q[rows.joints], rows)
+
+
+@compiled
+def error_from_targets(
+    q: np.ndarray, R: np.ndarray, p: np.ndarray, tasks: np.ndarray, rows: TaskRows
+) -> np.ndarray:
+    """`find_error` of targets [x_d; v_d; a_d] (size,), see `TaskLayout`."""
+    return find_error(q, R, p, unpack_tasks(tasks, rows), rows)
+
+
+@compiled
+def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarray:
+    """x_0 of `References`, (n,): what tasks that are joints ask of these; (0,) without.
+
+    Eq. (34) damps x of J x = b towards 0, and so biases a joint, whose row is a unit
+    vector: x = b / (1 + lambda^2). It is damped towards x_0 instead,
+
+        x = x_0 + J* (b - J x_0) = argmin |J x - b|^2 + lambda^2 |x - x_0|^2_W,
+
+    which is x_0 wherever J x_0 = b: targets that one motion fulfils are followed
+    exactly. Without such tasks x_0 = 0, and this is Eq. (34).
+
+    Args:
+        of_rows: (m,) right-hand side of a level, without weights.
+    """
+    count = len(rows.joints)
+    x_0 = np.zeros(n if count else 0)
+    for i in range(count):
+        x_0[rows.joints[i]] = of_rows[rows.joint_rows[i]]
+    return x_0
+
+
+@compiled
+def posture_acceleration(
+    targets: np.ndarray, q: np.ndarray, qdot: np.ndarray, stiffness: float
+) -> np.ndarray:
+    """A critically damped pull towards a posture, of the null space (Eq. (33)), (n,).
+
+    Args:
+        targets: (n,) positions [rad].
+        q, qdot: (n,) present positions [rad] and velocities [rad/s].
+        stiffness: [1/s^2].
+    """
+    return stiffness * (targets - q) - 2.0 * np.sqrt(stiffness) * qdot
+
+
+@compiled
+def find_references(
+    state: State, targets: Targets, rows: TaskRows, gains: TaskGains
+) -> References:
+    """Eqs. (9), (14): what the blended targets ask for, weighted."""
+    prescribed, blend, start = targets.prescribed, targets.blend, targets.start
+    n_p = len(prescribed) // 3
+    n = len(state.v) - n_p
+    qdot, qdot_p, q_p = state.v[:n], state.v[n:], state.q[n:]
+    q_d, a_d = prescribed[:n_p], prescribed[2 * n_p :]
+    v_d = prescribed[n_p : 2 * n_p]
+    desired = unpack_tasks(targets.tasks, rows)
+    error = e = find_error(state.q, state.R, state.p, desired, rows)
+    if blend[0] < 1.0:
+        desired = blend_tasks(rows, start.R, start.p, start.q, desired, blend)
+        q_d, v_d, a_d = blend_vectors(start.q_p, q_d, v_d, a_d, blend)
+        e = find_error(state.q, state.R, state.p, desired, rows)
+    # Prescribed joints: the desired acceleration, with Eq. (14)'s feedback.
+    qddot_p = reference_acceleration(a_d, v_d, qdot_p, q_d - q_p, gains.Kp, gains.Kv)
+    v_r = reference_velocity(desired.v, e, gains.K)
+    v_task = times(state.J, state.v)
+    a_r = reference_acceleration(desired.a, desired.v, v_task, e, gains.Kp, gains.Kv)
+    J, J_p = np.ascontiguousarray(state.J[:, :n]), state.J[:, n:]
+    v_r = v_r - times(J_p, qdot_p)
+    carried = times(J_p, qddot_p)
+    a_r = a_r - carried - state.Jdot_qdot
+    a_ff, e_dot = desired.a - carried - state.Jdot_qdot, desired.v - v_task
+    qdot_0 = undamped_preference(v_r, n, rows)
+    qddot_0 = undamped_preference(a_r, n, rows)
+    S = gains.weights
+    if len(S):
+        J, v_r, a_r = S[:, np.newaxis] * J, S * v_r, S * a_r
+        e, e_dot, a_ff = S * e, S * e_dot, S * a_ff
+    posture = np.zeros(n)
+    if len(targets.posture):
+        posture = posture_acceleration(
+            targets.posture, state.q[:n], qdot, gains.posture
+        )
+    return References(
+        J, v_r, a_r, posture, qddot_p, error, qdot_0, qddot_0, e, e_dot, a_ff
+    )

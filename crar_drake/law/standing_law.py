@@ -1,0 +1,432 @@
+"""What the motors of a robot that stands must give, and the ground with them.
+
+The upper body follows a command, and nothing but the ground carries the root. A small
+least squares over the ground's forces decides what becomes of it. The forces act at the
+corners of the soles, inside friction pyramids, and leave torques within the motors'
+limits. Whatever forces come out, motion and torques fit them: Newton and Euler hold and
+the soles stay. What the ground cannot give, the root does without.
+
+The centre of mass c is brought back by feedback of its *capture point* c + c_dot / w,
+w^2 = g / height, over which it would come to rest. With the centre of pressure moved by
+(1 + k / w) times that point's error, errors decay as exp(-w t) and exp(-k t), and with
+w among the rates the soles are asked for the least: J. Englsberger et al., "Bipedal
+walking control based on capture point dynamics", IROS 2011. The rest is the usual
+inverse dynamics with contacts, as of A. Herzog et al., "Momentum control with
+hierarchical inverse dynamics on a torque-controlled humanoid", Autonomous Robots 2016.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
+from pydrake.systems.framework import Context
+
+from crar_drake.errors import ModelError
+from crar_drake.law.one_sided import one_sided_minimum
+from crar_drake.law.vectors import cross_rows
+from crar_drake.robot.actuators import Actuators
+from crar_drake.robot.description import (
+    RobotDescription,
+    find_body,
+    find_joint,
+    find_root,
+    zero_positions,
+)
+from crar_drake.robot.joints import names_by_joint
+from crar_drake.robot.standing import leg_joints
+
+GRAVITY = 9.81  # [m/s^2]
+
+# The edges of a friction pyramid lean these ways: it is inside the friction cone.
+_WAYS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+
+# What weighs as much as 1 m/s^2 of the centre of mass: a force outside its cone, in
+# shares of the weight, and a torque beyond its limit, in shares of that; and what the
+# forces themselves weigh, by which they are even where nothing else says how.
+_OUTSIDE = 100.0
+_EVEN = 0.01
+
+# Singular values s of the legs below this are damped, where a knee is nearly straight:
+# s / (s^2 + m), m = _SINGULAR^2 - s^2, of Y. Nakamura and H. Hanafusa, "Inverse
+# kinematic solutions with singularity robustness", J. Dyn. Sys. Meas. Control 1986.
+_SINGULAR = 0.02
+
+# A root that leans by more [rad], or is lower than this share of its height at rest,
+# belongs to a robot that fell.
+_LEANS = np.pi / 4.0
+_LOW = 0.6
+_LIMP = 20.0  # joints of such a robot come to rest at that rate [1/s]
+
+
+@dataclass(frozen=True)
+class StandingGains:
+    """Gains of the standing law."""
+
+    capture: float = 6.0  # decay k of the capture point's error [1/s]
+    turn: float = 150.0  # PD of the root's orientation: of its error [1/s^2],
+    turn_rate: float = 25.0  # and of its rate [1/s]
+    height: float = 150.0  # of the root's height [1/s^2]
+    height_rate: float = 25.0  # [1/s]
+    # PD of the joints that follow the command; stiff, for they have its
+    # `tracking_error` to spare before a limit [1/s^2]
+    joint: float = 4000.0
+    joint_rate: float = 120.0  # [1/s]
+    sole: float = 400.0  # of the soles' places [1/s^2]
+    sole_rate: float = 40.0  # [1/s]
+    # PD of their orientations; stiff, for feet are light, and one that carries little
+    # tips over by itself [1/s^2]
+    sole_turn: float = 2500.0
+    sole_turn_rate: float = 100.0  # [1/s]
+    # what the root's angular acceleration weighs against the horizontal one of the
+    # centre of mass, where the ground cannot give all [m/rad]
+    weigh_turn: float = 0.1
+    weigh_height: float = 2.0  # and what its vertical one weighs [1]
+    # that each corner of the soles is pressed down with, so that feet that carry
+    # nothing stay on the floor [shares of the weight]
+    least_force: float = 0.005
+    friction_share: float = 0.8  # of the friction, that is used
+    # that forces keep from the soles' edges, over which feet would tip [m]. Much less
+    # than balance keeps of the command's (`BalanceParameters`): the difference is what
+    # brings the robot back.
+    sole_margin: float = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class StandingStep:
+    """What the standing law answers."""
+
+    # (nu,) in the plant's actuator order, within the limits [Nm or N]
+    efforts: np.ndarray
+    acceleration: np.ndarray  # (nv,) that these and the forces make
+    # (C, 3) of the ground at the corners of the soles, in the world [N]
+    forces: np.ndarray
+    clipped: float = 0.0  # what the limits took off an effort, at most [Nm or N]
+    # whether the robot lies, or no forces are found for it; then its joints are just
+    # braked
+    fell: bool = False
+
+
+class StandingLaw:
+    """Joint torques of a robot on its soles whose upper body follows a command.
+
+    Notation: W the world, z up; q, v of the plant; b the six velocities of its root, l
+    the joints between root and soles, M, h of M a + h = S^T tau + J_c^T f, f the
+    ground's forces at the soles' corners, J the soles' Jacobian, c the centre of mass.
+
+    Legs keep the soles still, J_l a_l = -J_b a_b - bias - PD, and all other joints
+    accelerate as commanded, plus PD. So the root's rows make a_b a function of f, and
+
+        f = argmin |c_dd - c_dd*|^2 + |w (a_b - a_b*)|^2
+            f inside its pyramids, |tau| <= limits,
+
+    where c_dd* (x and y) is the command's, less the capture point's feedback, and a_b*
+    PD of the root's orientation and height.
+
+    Attributes:
+        joint_names: (n,) joints of the command, in the order of their velocities.
+        rest: (nq,) where it stands, the description's rest posture.
+        corners_at_rest: per sole (V, 3) where its corners are there, in W [m].
+        floor: height of the soles there [m].
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        description: RobotDescription,
+        friction: float,
+        gains: StandingGains | None = None,
+    ) -> None:
+        """
+        Args:
+            plant: finalized, with the robot alone, whose root floats.
+            description: of the robot, with soles.
+            friction: of the ground.
+            gains: by default `StandingGains()`.
+
+        Raises:
+            ModelError: the root does not float, a joint is not actuated, or a sole is
+                not on a leg.
+        """
+        self.plant, self.gains = plant, gains or StandingGains()
+        root = find_root(plant, description)
+        if root is None:
+            raise ModelError(
+                f"robot {description.name}: root: fixed: a robot that stands on its "
+                "soles has a root that floats"
+            )
+        names = names_by_joint(plant)
+        self._root = root.child_body()
+        self._b = np.arange(root.velocity_start(), root.velocity_start() + 6)
+        self._actuators = Actuators(plant, names, self._b)
+        joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+        joints = [joint for joint in joints if joint.num_velocities() == 1]
+        joints.sort(key=lambda joint: joint.velocity_start())
+        self._j = np.array([joint.velocity_start() for joint in joints])
+        self._j_q = np.array([joint.position_start() for joint in joints])
+        self.joint_names = [names[i] for i in self._j]
+        legs = {joint.velocity_start() for joint in leg_joints(plant, description)}
+        self._l = np.array(sorted(legs))
+        # A discrete plant has the damping of its joints at the end of the step.
+        self._damping = np.zeros((plant.num_velocities(),) * 2)
+        damping = [joint.default_damping_vector()[0] for joint in joints]
+        self._damping[self._j, self._j] = plant.time_step() * np.array(damping)
+        self._forces = MultibodyForces(plant)
+        self._soles = [
+            (find_body(plant, link).body_frame(), np.array(corners, dtype=float))
+            for link, corners in description.soles.items()
+        ]
+        self._stiffness, self._rates = (
+            np.tile(np.repeat(pair, 3), len(self._soles))
+            for pair in (
+                (self.gains.sole_turn, self.gains.sole),
+                (self.gains.sole_turn_rate, self.gains.sole_rate),
+            )
+        )
+        friction *= self.gains.friction_share
+        self._edges = np.column_stack([friction * _WAYS, np.ones(len(_WAYS))])
+        margin = self.gains.sole_margin
+        self._pressed = [_within(corners, margin) for _, corners in self._soles]
+        self.rest = _rest_positions(plant, description, root.position_start())
+        context = plant.CreateDefaultContext()
+        plant.SetPositions(context, self.rest)
+        self._weight = plant.CalcTotalMass(context) * GRAVITY
+        self._soles_at_rest = [f.CalcPoseInWorld(context) for f, _ in self._soles]
+        self.corners_at_rest = self.corners(context)
+        self._corners_at_rest = np.vstack(self.corners_at_rest)
+        self.floor = float(self._corners_at_rest[:, 2].min())
+        root_at_rest = plant.EvalBodyPoseInWorld(context, self._root)
+        self._up = root_at_rest.rotation().inverse() @ np.array([0.0, 0.0, 1.0])
+        self._lowest = _LOW * (root_at_rest.translation()[2] - self.floor)
+
+    def corners(self, context: Context) -> list[np.ndarray]:
+        """Per sole (V, 3), where its corners are in W at the context's state [m]."""
+        return [
+            frame.CalcPoseInWorld(context).multiply(corners.T).T
+            for frame, corners in self._soles
+        ]
+
+    def lean(self, context: Context) -> float:
+        """Angle between the root and where it stands upright [rad]."""
+        pose = self.plant.EvalBodyPoseInWorld(context, self._root)
+        return float(np.arccos(np.clip((pose.rotation() @ self._up)[2], -1.0, 1.0)))
+
+    def fell(self, context: Context) -> bool:
+        """Whether the robot lies at the context's state, or is about to."""
+        pose = self.plant.EvalBodyPoseInWorld(context, self._root)
+        low = pose.translation()[2] - self.floor < self._lowest
+        return bool(low) or self.lean(context) > _LEANS
+
+    def step(
+        self,
+        context: Context,
+        reference: Context,
+        state: np.ndarray,
+        command: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ) -> StandingStep:
+        """What motors and ground give at a state.
+
+        Args:
+            context, reference: of the plant, to compute in.
+            state: (nq + nv,) of the plant, as measured.
+            command: (n,) positions, velocities and accelerations of the joints
+                `joint_names`, with legs at rest.
+        """
+        plant, gains, b, legs, j = self.plant, self.gains, self._b, self._l, self._j
+        nv = plant.num_velocities()
+        q, v = np.split(state, [len(state) - nv])
+        plant.SetPositionsAndVelocities(context, state)
+        corners = self.corners(context)
+        M = plant.CalcMassMatrix(context) + self._damping
+        if self.fell(context):
+            return self._go_limp(M, v)
+        plant.CalcForceElementsContribution(context, self._forces)
+        h = plant.CalcInverseDynamics(context, np.zeros(nv), self._forces)
+        J, bias, pushes = self._contacts(context)
+        X_WS = _moved(self._corners_at_rest, np.vstack(corners))
+        X_ref, c_ref, c_dot_ref, c_dd_ref = self._reference(reference, X_WS, command)
+
+        # a = a_0 + N a_b: joints as commanded, legs such that the soles stay.
+        a_0, N = np.zeros(nv), np.zeros((nv, 6))
+        a_0[j] = (
+            command[2]
+            + gains.joint * (command[0] - q[self._j_q])
+            + gains.joint_rate * (command[1] - v[j])
+        )
+        U, s, V_T = np.linalg.svd(J[:, legs], full_matrices=False)
+        inverse = (V_T.T * (s / np.maximum(s, _SINGULAR) ** 2)) @ U.T
+        held = self._stiffness * self._off(context, X_WS) + self._rates * (J @ v)
+        a_0[legs] = -inverse @ (bias + held)
+        N[b], N[legs] = np.eye(6), -inverse @ J[:, b]
+
+        # The root's rows, in shares x of the weight along the pyramids' edges:
+        # a_b = B x - a_f.
+        pushes = self._weight * pushes
+        solved = _solved(M[b] @ N, np.column_stack([pushes[b], M[b] @ a_0 + h[b]]))
+        if not np.isfinite(solved).all():
+            return self._go_limp(M, v)
+        B, a_f = solved[:, :-1], solved[:, -1]
+
+        c = plant.CalcCenterOfMassPositionInWorld(context) - c_ref
+        c_dot = plant.CalcCenterOfMassTranslationalVelocityInWorld(context) - c_dot_ref
+        omega, k = np.sqrt(GRAVITY / (c_ref[2] - self.floor)), gains.capture
+        c_dd = c_dd_ref - omega * k * c - (omega + k) * c_dot
+        pose = plant.EvalBodyPoseInWorld(context, self._root)
+        turned = _rotation_vector(pose.rotation() @ X_ref.rotation().inverse())
+        turn = -gains.turn * turned - gains.turn_rate * v[b[:3]]
+        fallen = X_ref.translation()[2] - pose.translation()[2]
+        rise = gains.height * fallen - gains.height_rate * v[b[5]]
+        w = np.array([1.0, 1.0, *3 * [gains.weigh_turn], gains.weigh_height])
+        rows = np.vstack([pushes[b[3:5]] * GRAVITY / self._weight, B[:3], B[5:]])
+        wanted = np.concatenate([c_dd[:2], turn + a_f[:3], [rise + a_f[5]]])
+
+        # Efforts are efforts_0 + D x.
+        root_inertia, efforts = M @ N, self._actuators.efforts
+        efforts_0 = efforts(M @ a_0 + h - root_inertia @ a_f)
+        D = efforts(root_inertia @ B - pushes)
+        x = self._shares(w[:, np.newaxis] * rows, w * wanted, efforts_0, D)
+        if not np.isfinite(x).all():
+            # Legs that fling about in a fall cannot hold the root at all.
+            return self._go_limp(M, v)
+        answer, limits = efforts_0 + D @ x, self._actuators.limits
+        allowed = np.clip(answer, -limits, limits)
+        forces = (self._weight * x).reshape(-1, len(_WAYS)) @ self._edges
+        return StandingStep(
+            allowed,
+            a_0 + N @ (B @ x - a_f),
+            forces,
+            float(np.abs(answer - allowed).max()),
+        )
+
+    def _go_limp(self, M: np.ndarray, v: np.ndarray) -> StandingStep:
+        """Falling or lying, joints are braked, each against its own inertia."""
+        braked = np.zeros(len(v))
+        braked[self._j] = -_LIMP * v[self._j] * np.diag(M)[self._j]
+        limits = self._actuators.limits
+        efforts = np.clip(self._actuators.efforts(braked), -limits, limits)
+        nothing = np.zeros(self._corners_at_rest.shape)
+        return StandingStep(efforts, np.zeros(len(v)), nothing, fell=True)
+
+    def _shares(
+        self, rows: np.ndarray, wanted: np.ndarray, efforts_0: np.ndarray, D: np.ndarray
+    ) -> np.ndarray:
+        """(K,) forces along the pyramids' edges, in shares of the weight."""
+        limits = self._actuators.limits
+        some = np.isfinite(limits)
+        D, at = D[some] / limits[some, np.newaxis], efforts_0[some] / limits[some]
+        none = np.eye(rows.shape[1])
+        least = np.full(len(none), self.gains.least_force / len(_WAYS))
+        M, right = rows.T @ rows + _EVEN**2 * none, rows.T @ wanted
+        x, _, _ = one_sided_minimum(
+            M,
+            right,
+            _OUTSIDE * np.vstack([none, D, -D]),
+            _OUTSIDE * np.concatenate([least, -1.0 - at, at - 1.0]),
+            _solved(M, right),
+        )
+        return np.maximum(x, 0.0)
+
+    def _contacts(self, context: Context) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The soles' Jacobian (6 S, nv) and bias (6 S,), and what forces along the
+        pyramids' edges do, (nv, K)."""
+        W, with_v, plant = self.plant.world_frame(), JacobianWrtVariable.kV, self.plant
+        origin = np.zeros(3)
+        jacobians, biases, pushes = [], [], []
+        for (frame, _), at in zip(self._soles, self._pressed, strict=True):
+            J = plant.CalcJacobianSpatialVelocity(context, with_v, frame, origin, W, W)
+            bias = plant.CalcBiasSpatialAcceleration(
+                context, with_v, frame, origin, W, W
+            )
+            arms = at @ frame.CalcPoseInWorld(context).rotation().matrix().T
+            arms = np.repeat(arms, len(_WAYS), axis=0)
+            edges = np.tile(self._edges, (len(at), 1))
+            pushes.append(J.T @ np.hstack([cross_rows(arms, edges), edges]).T)
+            jacobians.append(J)
+            biases.append(bias.get_coeffs())
+        return np.vstack(jacobians), np.concatenate(biases), np.hstack(pushes)
+
+    def _off(self, context: Context, X_WS: RigidTransform) -> np.ndarray:
+        """(6 S,) how far the soles are from where they stand: turned [rad], and off
+        [m]."""
+        off = []
+        for (frame, _), at_rest in zip(self._soles, self._soles_at_rest, strict=True):
+            pose, wanted = frame.CalcPoseInWorld(context), X_WS @ at_rest
+            off.append(_rotation_vector(pose.rotation() @ wanted.rotation().inverse()))
+            off.append(pose.translation() - wanted.translation())
+        return np.concatenate(off)
+
+    def _reference(
+        self,
+        context: Context,
+        X_WS: RigidTransform,
+        command: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ) -> tuple[RigidTransform, np.ndarray, np.ndarray, np.ndarray]:
+        """The root's pose, and the centre of mass with two derivatives, if root and
+        legs were as commanded, where the soles are now."""
+        plant, q = self.plant, self.rest.copy()
+        v, a = np.zeros((2, plant.num_velocities()))
+        q[self._j_q], v[self._j], a[self._j] = command
+        plant.SetPositionsAndVelocities(context, np.concatenate((q, v)))
+        plant.CalcForceElementsContribution(context, self._forces)
+        # The root's force is that on the centre of mass: m (c_dd + g).
+        force = plant.CalcInverseDynamics(context, a, self._forces)[self._b[3:]]
+        R = X_WS.rotation()
+        return (
+            X_WS @ plant.EvalBodyPoseInWorld(context, self._root),
+            X_WS @ plant.CalcCenterOfMassPositionInWorld(context),
+            R @ plant.CalcCenterOfMassTranslationalVelocityInWorld(context),
+            R @ (GRAVITY * force / self._weight),
+        )
+
+
+def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """A^-1 b, or NaN where there is none.
+
+    M N is singular in postures whose legs hold the root from neither side, of which
+    bent legs have some. The normal matrix of `_shares` is not, unless rows next to such
+    a posture are so large that the identity in it is lost to rounding.
+    """
+    try:
+        return np.linalg.solve(A, b)
+    except np.linalg.LinAlgError:
+        return np.full_like(b, np.nan)
+
+
+def _within(corners: np.ndarray, margin: float) -> np.ndarray:
+    """(V, 3) corners of a sole, drawn in by a margin along its principal axes [m]."""
+    middle = corners.mean(axis=0)
+    axes = np.linalg.svd(corners - middle)[2][:2]
+    along = (corners - middle) @ axes.T
+    shares = np.maximum(1.0 - margin / np.abs(along).max(axis=0), 0.0)
+    return middle + shares * along @ axes
+
+
+def _rotation_vector(R: RotationMatrix) -> np.ndarray:
+    """(3,) axis times angle [rad]."""
+    turn = R.ToAngleAxis()
+    return turn.angle() * turn.axis()
+
+
+def _moved(at_rest: np.ndarray, now: np.ndarray) -> RigidTransform:
+    """How the soles have slid: the turn about z, and the way on the floor, that bring
+    their (C, 3) corners nearest to where these are now."""
+    middle_0, middle = (x.sum(axis=0) / len(x) for x in (at_rest, now))
+    p, r = (at_rest - middle_0)[:, :2], (now - middle)[:, :2]
+    sine = p[:, 0] @ r[:, 1] - p[:, 1] @ r[:, 0]
+    R = RotationMatrix.MakeZRotation(np.arctan2(sine, np.sum(p * r)))
+    way = middle - R @ middle_0
+    return RigidTransform(R, [way[0], way[1], 0.0])
+
+
+def _rest_positions(
+    plant: MultibodyPlant, description: RobotDescription, root: int
+) -> np.ndarray:
+    """(nq,) the rest posture, the root's seven positions from `root` on."""
+    q = zero_positions(plant)
+    X_WB = description.rest_pose()
+    quaternion = X_WB.rotation().ToQuaternion().wxyz()
+    q[root : root + 7] = np.concatenate([quaternion, X_WB.translation()])
+    for name, value in description.rest_posture.items():
+        q[find_joint(plant, name).position_start()] = value
+    return q

@@ -1,0 +1,347 @@
+"""Task variables and their error: Eqs. (4)-(8) and (11)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from crar_drake.law.compilation import compiled
+from crar_drake.law.vectors import cross_rows, put_at
+
+KINDS = ("position", "orientation", "pose", "joint")
+
+_NO_JOINTS = np.zeros(0)
+
+
+class TaskRows(NamedTuple):
+    """A `TaskLayout` for the equations.
+
+    Na tasks have a rotation, Nl a position, Nj are joints.
+    """
+
+    angular_tasks: np.ndarray  # (Na,)
+    linear_tasks: np.ndarray  # (Nl,)
+    angular_rows: np.ndarray  # (3 Na,) of v, a, e and J
+    linear_rows: np.ndarray  # (3 Nl,)
+    quaternion_entries: np.ndarray  # (4 Na,) of x_d
+    position_entries: np.ndarray  # (3 Nl,)
+    joint_rows: np.ndarray  # (Nj,) of v, a, e and J
+    joint_entries: np.ndarray  # (Nj,) of x_d
+    joints: np.ndarray  # (Nj,) which of the controlled joints each is
+
+
+class DesiredTasks(NamedTuple):
+    """The targets of one instant, in the order of a TaskLayout."""
+
+    R: np.ndarray  # (Na, 3, 3) desired orientations R_WTd, of the tasks that have one
+    p: np.ndarray  # (Nl, 3) desired positions p_WTd [m], of the tasks that have one
+    v: np.ndarray  # (m,) desired velocities, Eq. (4) [rad/s, m/s].
+    a: np.ndarray  # (m,) desired accelerations [rad/s^2, m/s^2]
+    q: np.ndarray = _NO_JOINTS  # (Nj,) desired positions of joints [rad or m]
+
+
+@dataclass(frozen=True)
+class TaskLayout:
+    """Eqs. (4), (7), (8): where each task stands in the stacked vectors.
+
+    The rows of v, a, e and J follow the tasks in order. A pose has six rows,
+    [omega; p_dot] as in Eq. (4), a position or an orientation three, a joint one.
+
+    The vector of desired tasks is [x_d; v_d; a_d] (the layout that Drake's
+    TrajectorySource with two derivatives emits for position tasks):
+
+    * x_d: per task a position (x, y, z) [m], an orientation as a unit quaternion
+      (w, x, y, z), for a pose the quaternion and then the position, or the position
+      of a joint [rad or m];
+    * v_d (m,): per task as in Eq. (4) [rad/s, m/s];
+    * a_d (m,): its derivative [rad/s^2, m/s^2].
+
+    All but joints are expressed in the world frame W. With position tasks of two
+    wrists, say, x_d is [x, y, z of the left; x, y, z of the right], and the vector has
+    18 entries.
+    `pack` builds it and `unpack` takes it apart.
+
+    Attributes:
+        names: the tasks' names.
+        kinds: per task "position", "orientation", "pose" or "joint".
+        joints: (Nj,) of the tasks that are joints, which of the controlled joints;
+            without a model, as when a log is read, it may be left out.
+        m: number of rows of v, a, e and J.
+        size_x: number of entries of x_d.
+        angular_tasks, linear_tasks: (Na,), (Nl,) tasks with a rotation, a position.
+        angular_rows, linear_rows: (Na, 3), (Nl, 3) their rows.
+        quaternion_entries, position_entries: (Na, 4), (Nl, 3) their entries of x_d.
+        joint_rows, joint_entries: (Nj,) of the tasks that are joints.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    joints: tuple[int, ...] = field(default=(), compare=False)
+
+    # Derived in __post_init__; the names and kinds alone tell layouts apart.
+    m: int = field(init=False, compare=False)
+    size_x: int = field(init=False, compare=False)
+    angular_tasks: np.ndarray = field(init=False, compare=False)
+    linear_tasks: np.ndarray = field(init=False, compare=False)
+    angular_rows: np.ndarray = field(init=False, compare=False)
+    linear_rows: np.ndarray = field(init=False, compare=False)
+    quaternion_entries: np.ndarray = field(init=False, compare=False)
+    position_entries: np.ndarray = field(init=False, compare=False)
+    joint_rows: np.ndarray = field(init=False, compare=False)
+    joint_entries: np.ndarray = field(init=False, compare=False)
+
+    def __post_init__(self) -> None:
+        angular, linear = [], []
+        angular_rows, linear_rows = [], []
+        quaternions, positions = [], []
+        joint_rows, joint_entries = [], []
+        row = entry = 0
+        for index, kind in enumerate(self.kinds):
+            if kind not in KINDS:
+                raise ValueError(f"kind of task {self.names[index]}: {kind!r}")
+            if kind == "joint":
+                joint_rows.append(row)
+                joint_entries.append(entry)
+                row, entry = row + 1, entry + 1
+                continue
+            if kind != "position":
+                angular.append(index)
+                angular_rows.append(range(row, row + 3))
+                quaternions.append(range(entry, entry + 4))
+                row, entry = row + 3, entry + 4
+            if kind != "orientation":
+                linear.append(index)
+                linear_rows.append(range(row, row + 3))
+                positions.append(range(entry, entry + 3))
+                row, entry = row + 3, entry + 3
+        derived = {
+            "m": row,
+            "size_x": entry,
+            "angular_tasks": np.array(angular, dtype=int),
+            "linear_tasks": np.array(linear, dtype=int),
+            "angular_rows": np.array(angular_rows, dtype=int).reshape(-1, 3),
+            "linear_rows": np.array(linear_rows, dtype=int).reshape(-1, 3),
+            "quaternion_entries": np.array(quaternions, dtype=int).reshape(-1, 4),
+            "position_entries": np.array(positions, dtype=int).reshape(-1, 3),
+            "joint_rows": np.array(joint_rows, dtype=int),
+            "joint_entries": np.array(joint_entries, dtype=int),
+        }
+        for name, value in derived.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def size(self) -> int:
+        """Number of entries of [x_d; v_d; a_d]."""
+        return self.size_x + 2 * self.m
+
+    def rows_of(self, task: int) -> slice:
+        """Returns the rows of task number `task` in v, a, e and J."""
+        sizes = [{"pose": 6, "joint": 1}.get(kind, 3) for kind in self.kinds]
+        start = sum(sizes[:task])
+        return slice(start, start + sizes[task])
+
+    @cached_property
+    def rows(self) -> TaskRows:
+        """The same indices for the equations."""
+        return TaskRows(
+            self.angular_tasks,
+            self.linear_tasks,
+            self.angular_rows.ravel(),
+            self.linear_rows.ravel(),
+            self.quaternion_entries.ravel(),
+            self.position_entries.ravel(),
+            self.joint_rows,
+            self.joint_entries,
+            np.array(self.joints, dtype=int),
+        )
+
+    def unpack(self, desired: np.ndarray) -> DesiredTasks:
+        """Splits [x_d; v_d; a_d] (size,) into its parts."""
+        return unpack_tasks(np.ascontiguousarray(desired, dtype=float), self.rows)
+
+    def pack(
+        self,
+        R: np.ndarray,
+        p: np.ndarray,
+        v: np.ndarray | None = None,
+        a: np.ndarray | None = None,
+        q: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Builds [x_d; v_d; a_d] (..., size) from rotations (..., Na, 3, 3), positions
+        (..., Nl, 3), velocities (..., m), accelerations (..., m) and positions of the
+        joints (..., Nj); those left out are 0."""
+        R = np.asarray(R)
+        desired = np.zeros((*R.shape[:-3], self.size))
+        if q is not None:
+            desired[..., self.joint_entries] = q
+        desired[..., self.quaternion_entries] = quaternion_from_rotation(R)
+        desired[..., self.position_entries] = p
+        if v is not None:
+            desired[..., self.size_x : self.size_x + self.m] = v
+        if a is not None:
+            desired[..., self.size_x + self.m :] = a
+        return desired
+
+
+@compiled
+def unpack_tasks(desired: np.ndarray, rows: TaskRows) -> DesiredTasks:
+    """Splits [x_d; v_d; a_d] (size,) into its parts; see `TaskLayout`.
+
+    A quaternion of zero length gives NaN.
+    """
+    m = num_rows(rows)
+    size_x = len(desired) - 2 * m
+    return DesiredTasks(
+        rotation_from_quaternion(desired[rows.quaternion_entries].reshape(-1, 4)),
+        desired[rows.position_entries].reshape(-1, 3),
+        desired[size_x : size_x + m],
+        desired[size_x + m :],
+        desired[rows.joint_entries],
+    )
+
+
+@compiled
+def num_rows(rows: TaskRows) -> int:
+    """m of a layout."""
+    return len(rows.angular_rows) + len(rows.linear_rows) + len(rows.joint_rows)
+
+
+@compiled
+def orientation_error(R: np.ndarray, R_d: np.ndarray) -> np.ndarray:
+    """Eq. (11), upper part: 1/2 (n x n_d + s x s_d + c x c_d), (Na, 3) in W.
+
+    Equals sin(theta) times the axis of the rotation from R to R_d, so it vanishes
+    at 180 degrees too: from exactly there it gives no direction.
+
+    Args:
+        R: (Na, 3, 3) present orientations R_WT, columns n, s, c.
+        R_d: (Na, 3, 3) desired orientations R_WTd.
+    """
+    n, s, c = R[:, :, 0], R[:, :, 1], R[:, :, 2]
+    n_d, s_d, c_d = R_d[:, :, 0], R_d[:, :, 1], R_d[:, :, 2]
+    return 0.5 * (cross_rows(n, n_d) + cross_rows(s, s_d) + cross_rows(c, c_d))
+
+
+@compiled
+def task_error(
+    rows: TaskRows, R: np.ndarray, p: np.ndarray, R_d: np.ndarray, p_d: np.ndarray
+) -> np.ndarray:
+    """Eq. (11): the stacked error e (m,), orientation above position per task.
+
+    Those of joints are left at 0: `put_joint_rows`.
+
+    Args:
+        rows: which rows belong to which task, `TaskLayout.rows`.
+        R: (Na, 3, 3) present orientations of the tasks that have one.
+        p: (Nl, 3) present positions [m] of the tasks that have one.
+        R_d: (Na, 3, 3) desired orientations.
+        p_d: (Nl, 3) desired positions [m].
+    """
+    return stack_rows(orientation_error(R, R_d), p_d - p, rows)
+
+
+@compiled
+def stack_rows(angular: np.ndarray, linear: np.ndarray, rows: TaskRows) -> np.ndarray:
+    """(m,) in the order of the tasks, from (Na, 3) and (Nl, 3); 0 for joints."""
+    stacked = np.zeros(num_rows(rows))
+    put_at(stacked, rows.angular_rows, angular.ravel())
+    put_at(stacked, rows.linear_rows, linear.ravel())
+    return stacked
+
+
+@compiled
+def put_joint_rows(
+    stacked: np.ndarray, values: np.ndarray, rows: TaskRows
+) -> np.ndarray:
+    """(m,) with the rows of joints set to `values` (Nj,); changes its argument.
+
+    Of the error (11) a joint's row is q_d - q, of the velocities (5) q_dot.
+    """
+    for i in range(len(values)):
+        stacked[rows.joint_rows[i]] = values[i]
+    return stacked
+
+
+def task_weights(
+    layout: TaskLayout,
+    position_weights: Sequence[float],
+    orientation_weights: Sequence[float],
+) -> np.ndarray:
+    """Row weights S (m,) of the tasks: J, v, a of Eqs. (5), (6) become S J, S v, S a.
+
+    With them the damped least squares of Eq. (34) weighs metres against radians.
+
+    Args:
+        position_weights: per task, for its position rows [1], of a joint [m/rad].
+        orientation_weights: per task, for its orientation rows [m/rad].
+    """
+    S = np.ones(layout.m)
+    S[layout.angular_rows] = np.asarray(orientation_weights)[layout.angular_tasks, None]
+    S[layout.linear_rows] = np.asarray(position_weights)[layout.linear_tasks, None]
+    is_joint = [kind == "joint" for kind in layout.kinds]
+    S[layout.joint_rows] = np.asarray(position_weights)[is_joint]
+    return S
+
+
+def task_of_rows(layout: TaskLayout) -> np.ndarray:
+    """The task that each row belongs to, (m,)."""
+    tasks = np.empty(layout.m, dtype=int)
+    tasks[layout.joint_rows] = [i for i, k in enumerate(layout.kinds) if k == "joint"]
+    tasks[layout.angular_rows] = layout.angular_tasks[:, None]
+    tasks[layout.linear_rows] = layout.linear_tasks[:, None]
+    return tasks
+
+
+def task_wrenches(layout: TaskLayout) -> np.ndarray:
+    """(m, 6) of `kinematics.task_jacobian`: what each row of a task turns about, and
+    the axis along which it moves."""
+    fixed = np.zeros((layout.m, 6))
+    for rows in layout.angular_rows:
+        fixed[rows, :3] = np.eye(3)
+    for rows in layout.linear_rows:
+        fixed[rows, 3:] = np.eye(3)
+    return fixed
+
+
+@compiled
+def rotation_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrices (N, 3, 3) of quaternions (N, 4) in the order w x y z.
+
+    The quaternion is normalised; a zero one gives NaN, which the caller refuses.
+    """
+    R = np.empty((len(quaternion), 3, 3))
+    for i in range(len(quaternion)):
+        length = np.sqrt((quaternion[i] ** 2).sum())
+        scale = 1.0 / length if length > 0.0 else np.nan
+        w, x = scale * quaternion[i, 0], scale * quaternion[i, 1]
+        y, z = scale * quaternion[i, 2], scale * quaternion[i, 3]
+        R[i, 0, 0] = 1 - 2 * (y * y + z * z)
+        R[i, 0, 1] = 2 * (x * y - w * z)
+        R[i, 0, 2] = 2 * (x * z + w * y)
+        R[i, 1, 0] = 2 * (x * y + w * z)
+        R[i, 1, 1] = 1 - 2 * (x * x + z * z)
+        R[i, 1, 2] = 2 * (y * z - w * x)
+        R[i, 2, 0] = 2 * (x * z - w * y)
+        R[i, 2, 1] = 2 * (y * z + w * x)
+        R[i, 2, 2] = 1 - 2 * (x * x + y * y)
+    return R
+
+
+def quaternion_from_rotation(R: np.ndarray) -> np.ndarray:
+    """Unit quaternions (..., 4), order w x y z, w >= 0, of rotations (..., 3, 3)."""
+    if not R.size:
+        return np.empty(R.shape[:-2] + (4,))
+    # The eigenvector of the largest eigenvalue of this symmetric matrix is the
+    # quaternion; unlike the trace formula it has no bad case.
+    K = np.empty(R.shape[:-2] + (4, 4))
+    K[..., 0, 0] = np.trace(R, axis1=-2, axis2=-1)
+    K[..., 0, 1] = K[..., 1, 0] = R[..., 2, 1] - R[..., 1, 2]
+    K[..., 0, 2] = K[..., 2, 0] = R[..., 0, 2] - R[..., 2, 0]
+    K[..., 0, 3] = K[..., 3, 0] = R[..., 1, 0] - R[..., 0, 1]
+    K[..., 1:, 1:] = R + np.swapaxes(R, -1, -2)
+    K[..., [1, 2, 3], [1, 2, 3]] -= np.trace(R, axis1=-2, axis2=-1)[..., None]
+    _, vectors = np.linalg.eigh(K)
+    quaternion = vectors[..., -1]
+    return np.where(quaternion[..., :1] < 0, -quaternion, quaternion)

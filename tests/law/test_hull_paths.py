@@ -49,7 +49,7 @@ class Paths:
         limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
         found = find_reaches(model.joints, model.pairs, model.order, *limits)
         self.reaches, self.robot = hold(found), model.robot_ahead.value
-        self.rows = len(found.rows)
+        self.rows = len(found.own)
         self.of = model.pairs.pair_of_shapes
         self.referee = Referee(plant, model.scene_graph, model.description.pairs)
 

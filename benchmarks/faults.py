@@ -224,7 +224,9 @@ def find_moment(run: RunResult, settled: float = 1.0) -> Moment:
     distances[log.time > log.time[-1] - _PUSH_DURATION - 0.1] = np.inf
     sample, pair = np.unravel_index(distances.argmin(), distances.shape)
     q, hand = log.q[sample], hands[pair]
-    gradient = model.evaluate_distances(q).dd_dq[pair]
+    gradient = model.evaluate(
+        model.MakeWorkspace(), q, np.zeros(len(model.order))
+    ).dd_dq[pair]
     J = hand_jacobian(run, q, hand)
     towards = -np.linalg.lstsq(J.T, gradient, rcond=None)[0]
     return Moment(

@@ -114,12 +114,13 @@ def violating_posture(model: ControlModel, start: Start) -> np.ndarray:
     c = model.controlled
     lower = np.maximum(model.lower + 0.05, -np.pi)
     upper = np.minimum(model.upper - 0.05, np.pi)
+    workspace, still = model.MakeWorkspace(), np.zeros(len(model.order))
     for _ in range(2000):
         q = model.rest_positions()
         q[c] = rng.uniform(lower, upper)
         for i, side in joints.items():
             q[c[i]] = model.upper[i] + EXCESS if side > 0 else model.lower[i] - EXCESS
-        near = model.evaluate_distances(q)
+        near = model.evaluate(workspace, q, still)
         for _ in range(60 if len(rows) else 0):
             gap = near.d[rows] + PENETRATION
             if np.abs(gap).max() < 1e-6:
@@ -127,7 +128,7 @@ def violating_posture(model: ControlModel, start: Start) -> np.ndarray:
             step = -np.linalg.pinv(near.dd_dq[rows]) @ gap
             step *= min(1.0, 0.1 / max(np.abs(step).max(), 1e-9))
             q[c] = np.clip(q[c] + step, lower, upper)
-            near = model.evaluate_distances(q)
+            near = model.evaluate(workspace, q, still)
         reached = np.abs(near.d[rows] + PENETRATION).max(initial=0.0) < 1e-6
         if reached and near.d[others].min() > 0.01:
             return q

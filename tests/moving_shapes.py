@@ -102,9 +102,7 @@ class MovingShapes:
             (bodies[a], bodies[b])
             for a, b in zip(model.pairs.body_a, model.pairs.body_b, strict=True)
         ]
-        return MovingShapes(
-            plant, model.scene_graph, pairs, model.robot_ahead.value, reaches
-        )
+        return MovingShapes(plant, model.scene_graph, pairs, model.robot.value, reaches)
 
     @staticmethod
     def _axis(inspector, geometry) -> tuple[np.ndarray, float]:
@@ -303,18 +301,12 @@ def shapes_of(
         plant.GetPositionLowerLimits(),
         plant.GetPositionUpperLimits(),
     )
-    placed = [(joints.frame_of_velocity[j], np.array([0.0, 0, 0, 1])) for j in order]
-    for vectors in (joints.turns, joints.slides):
-        placed += [
-            (joints.frame_of_velocity[j], np.append(vectors[j], 0.0)) for j in order
-        ]
+    placed = joints.axes(order)
     points, vectors = [], []
     for body, axes in zip(watched.bodies, watched.axes, strict=True):
-        frame, X = joints.place(body)
         for axis in axes:
-            start, end = X.multiply(axis.p_B0), X.multiply(axis.p_B1)
-            points.append((frame, np.append(start, 1.0)))
-            vectors.append((frame, np.append(end - start, 0.0)))
+            points.append(joints.point(body, axis.p_B0))
+            vectors.append(joints.vector(body, axis.p_B1 - axis.p_B0))
     first_axis = len(placed)
     placed += points + vectors
     links = np.array([joints.place(body)[0] for body in watched.bodies])
@@ -329,10 +321,8 @@ def shapes_of(
         first=first,
         pairs=hold(
             watched.for_equations(
-                len(placed),
-                first_axis,
-                carried[watched.body_a] - carried[watched.body_b],
-            )[1]
+                first_axis, carried[watched.body_a] - carried[watched.body_b]
+            )[0]
         ),
     )
     return MovingShapes(plant, scene_graph, pairs, robot, reaches)

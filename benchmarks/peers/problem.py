@@ -126,11 +126,11 @@ def write_crossings(folder: Path, seeds: Iterable[int]) -> list[str]:
     rest = model.rest_positions()
 
     # Neighbours that are never farther apart need no more than the margin.
-    near = model.evaluate_distances(rest).d < motions.APART
+    near = model.signed_distances(rest) < motions.APART
     less = np.where(near, motions.APART - MARGIN, 0.0)
 
     def smallest(q: np.ndarray) -> float:
-        return float((model.evaluate_distances(q).d + less).min())
+        return float((model.signed_distances(q) + less).min())
 
     names = []
     for seed in seeds:
@@ -211,7 +211,7 @@ def penetrating_pose(
     for _ in range(50):
         share = 0.5 * (low + high)
         q = q_clear + share * (q_inside - q_clear)
-        if model.evaluate_distances(q).d.min() > -START_DEPTH:
+        if model.signed_distances(q).min() > -START_DEPTH:
             low = share
         else:
             high = share

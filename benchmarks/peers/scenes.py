@@ -230,7 +230,7 @@ class Stage:
         while len(postures) < POSTURES:
             q = rest + REACH * (rng.uniform(lower, upper) - rest)
             q[: self.base] = rng.uniform(-BASE_REACH, BASE_REACH, self.base)
-            if self.model.evaluate_distances(q).d.min() > MARGIN + 1e-3:
+            if self.model.signed_distances(q).min() > MARGIN + 1e-3:
                 postures.append(q)
         postures = np.array(postures)
         each = round(STAY / PERIOD)

@@ -12,13 +12,12 @@
 
 The paper's equations, indexed in `docs/theory/equations.md`:
 
-    tasks                   Eqs. (4)-(8), (11)
-    references              Eqs. (9), (14)
-    joint_limits            Eqs. (17), (18)
-    collisions              Eqs. (19)-(26)
-    composite_weight        Eqs. (27), (28)
-    weighted_inverse        Eqs. (16), (34)
-    resolved_acceleration   Eqs. (10), (12), (13), (15), (30)-(35)
+    tasks                   Eqs. (4), (7), (8), (11)
+    kinematics              Eqs. (5), (6), (20)
+    references              Eqs. (9), (11), (14)
+    constraint_weights      Eqs. (17), (18), (21), (23), (28)
+    weighted_inverse        Eqs. (16), (31), (34)
+    paper                   Eqs. (10), (12), (13), (15), (17)-(28), (30)-(35)
 
 A constraint of one's own is a class with the methods of `Constraint`;
 `examples/own_constraint.py` has one.

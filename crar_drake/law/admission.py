@@ -13,12 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.law.capsule_distances import ShapePairs, nearest_points
-from crar_drake.law.compilation import Held, compiled, hold
-from crar_drake.law.hull_distances import corners_of, shadow_rates
+from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.kinematics import Robot
 from crar_drake.law.placed_shapes import distances_at, own_velocities, place_pairs
 from crar_drake.law.prediction import next_state
-from crar_drake.law.vectors import put, put_at, transposed_times
+from crar_drake.law.vectors import put, select_rows, times
 
 # A path is halved so often before a pair that is not shown to be clear counts as not.
 # Each halving leaves a quarter of what curvature takes from a part's bound, (A4): seven
@@ -33,9 +32,7 @@ ROUNDING = 1e-9
 
 
 class Reaches(NamedTuple):
-    """How far each joint can move the shapes of pairs; joints as in `Robot.order`.
-
-    Of Np pairs, Np' are looked at: all, or some (`nearby.some_reaches`).
+    """How far each joint can move the shapes of Np pairs; joints as in `Robot.order`.
 
     Made by `robot.reach.find_reaches`, from the robot's shapes and joints alone. A
     slide between a turning joint and a shape makes the joint's reach longer. So the
@@ -43,80 +40,48 @@ class Reaches(NamedTuple):
     those of `reaching` do.
     """
 
-    a_alone: np.ndarray  # (Np, nv) 1 where a joint moves the pair's first shape alone
-    b_alone: np.ndarray  # (Np, nv) and its second
-    a: np.ndarray  # (Np, nv) farthest that a's axis can be from the joint's [m/rad, 1]
-    b: np.ndarray  # (Np, nv) both 0 where the joint does not move the shape alone
-    farthest: np.ndarray  # (nv, Np') a + b
+    # (Np, nv) rho: of a joint that moves one of the shapes alone, the farthest that
+    # this one's axis can be from the joint [m/rad, 1]; 0 of others
+    reach: np.ndarray
     above: np.ndarray  # (nv, nv) 1 where joint j carries joint i, i = j not included
-    own: np.ndarray  # (Np',) the row of each pair among those above
     slides: np.ndarray  # (K,) the joints that slide between a turn and a shape
     extents: np.ndarray  # (K,) how far from zero they are at most [m]
-    a_by: np.ndarray  # (K, Np, nv) what a metre of each adds to `a` [1/rad]
-    b_by: np.ndarray  # (K, Np, nv) and to `b`
+    by: np.ndarray  # (K, Np, nv) what a metre of each adds to `reach` [1/rad]
 
 
 class Bounds(NamedTuple):
-    """What `path_bounds` found of Np pairs."""
+    """What `path_bounds` found of k pairs."""
 
-    # (Np,) no distance on the path is smaller [m]; what is below the level asked for is
-    # a guess; infinite where nobody asks
+    # (k,) no distance on the path is smaller [m]; what is below the level asked for is
+    # a guess
     low: np.ndarray
-    # (Np,) where on the path, in [0, 1], a pair is not shown to be clear; -1 where it
-    # is, or nobody asks
+    # (k,) where on the path, in [0, 1], a pair is not shown to be clear; -1 where it is
     at: np.ndarray
-    d: np.ndarray  # (Np,) the distance there [m]; minus infinite if it is none (NaN)
+    d: np.ndarray  # (k,) the distance there [m]; minus infinite if it is none (NaN)
 
 
 @compiled
-def reaching(start: np.ndarray, x: np.ndarray, bend: np.ndarray, reaches: Held) -> Held:
-    """Holds `Reaches` that hold on the path that leads from `start` by t x + t^2 bend,
-    t from 0 to 1: the given ones where no slide leaves its extents.
+def reaching(
+    start: np.ndarray, x: np.ndarray, bend: np.ndarray, pairs: np.ndarray, of: Reaches
+) -> np.ndarray:
+    """The reaches of some pairs (k,) that hold on the path that leads from `start` by
+    t x + t^2 bend, t from 0 to 1: (k, nv).
 
     Between its ends a parabola is off its chord by at most |bend| / 4.
 
     Args:
         start, x, bend: (nv,), (nv,), (nv,) see `path_bounds`.
-        reaches: holds `Reaches`.
+        pairs: which.
+        of: all reaches.
     """
-    of = reaches.value
-    if not len(of.slides):
-        return reaches
-    extents = of.extents.copy()
-    for k in range(len(extents)):
+    reach = select_rows(of.reach, pairs)
+    for k in range(len(of.slides)):
         j = of.slides[k]
         end = start[j] + x[j] + bend[j]
         farthest = max(abs(start[j]), abs(end)) + 0.25 * abs(bend[j])
-        extents[k] = max(extents[k], farthest)
-    if (extents == of.extents).all():
-        return reaches
-    return extended(extents, reaches)
-
-
-@compiled
-def extended(extents: np.ndarray, reaches: Held) -> Held:
-    """Holds `Reaches` for slides that are farther from zero, (K,) [m]."""
-    of = reaches.value
-    a, b = of.a.copy(), of.b.copy()
-    for k in range(len(extents)):
-        a += (extents[k] - of.extents[k]) * of.a_by[k]
-        b += (extents[k] - of.extents[k]) * of.b_by[k]
-    farthest = np.ascontiguousarray((a + b)[of.own].T)
-    return hold(
-        Reaches(
-            of.a_alone,
-            of.b_alone,
-            a,
-            b,
-            farthest,
-            of.above,
-            of.own,
-            of.slides,
-            extents,
-            of.a_by,
-            of.b_by,
-        )
-    )
+        if farthest > of.extents[k]:
+            reach += (farthest - of.extents[k]) * select_rows(of.by[k], pairs)
+    return reach
 
 
 @compiled
@@ -185,7 +150,9 @@ def velocity_bounds(
 
 
 @compiled
-def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.ndarray:
+def path_curvature(
+    x: np.ndarray, moves: np.ndarray, reach: np.ndarray, above: np.ndarray
+) -> np.ndarray:
     """(A3): the largest acceleration of a pair's shapes to each other, (k,) [m].
 
     If all joints move at the constant rates x, a point that joints i carry moves with
@@ -198,50 +165,64 @@ def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.nda
 
     Args:
         x: (nv,) what each joint moves on the path [rad, m].
-        pairs: (k,) which.
+        moves: (k, nv) of `ShapePairs`.
+        reach: (k, nv) rho.
+        above: of `Reaches`.
     """
-    curvature = np.empty(len(pairs))
-    of_shape = np.empty(2)
+    curvature = np.zeros(len(moves))
     own = np.empty(len(x), dtype=np.int64)  # the joints that move the shape alone
-    for k in range(len(pairs)):
-        pair = reaches.own[pairs[k]]
-        for shape in range(2):
-            alone = reaches.b_alone[pair] if shape else reaches.a_alone[pair]
-            rho = reaches.b[pair] if shape else reaches.a[pair]
+    for k in range(len(moves)):
+        for shape in (1.0, -1.0):
             count = 0
             for j in range(len(x)):
-                if alone[j] != 0.0:
+                if moves[k, j] == shape:
                     own[count] = j
                     count += 1
-            of_shape[shape] = 0.0
-            for i in range(len(x)):
-                if rho[i] == 0.0:
-                    continue
+            for i in own[:count]:
                 before = 0.0
                 for j in own[:count]:
-                    before += abs(x[j]) * reaches.above[i, j]
-                of_shape[shape] += rho[i] * abs(x[i]) * (abs(x[i]) + 2.0 * before)
-        curvature[k] = of_shape[0] + of_shape[1]
+                    before += abs(x[j]) * above[i, j]
+                curvature[k] += reach[k, i] * abs(x[i]) * (abs(x[i]) + 2.0 * before)
     return curvature
 
 
 @compiled
-def _end_shadows(n, p, u, a, half):
-    """Of one segment of (A4): the shadows of both ends, and what they move by."""
-    w_0, w_1, w_2 = a[0], a[1], a[2]
-    start = n[0] * p[0] + n[1] * p[1] + n[2] * p[2]
-    along = n[0] * u[0] + n[1] * u[1] + n[2] * u[2]
-    moves = half * (
-        n[0] * (a[3] + (w_1 * p[2] - w_2 * p[1]))
-        + n[1] * (a[4] + (w_2 * p[0] - w_0 * p[2]))
-        + n[2] * (a[5] + (w_0 * p[1] - w_1 * p[0]))
-    )
-    turns = half * (
-        n[0] * (w_1 * u[2] - w_2 * u[1])
-        + n[1] * (w_2 * u[0] - w_0 * u[2])
-        + n[2] * (w_0 * u[1] - w_1 * u[0])
-    )
-    return start, start + along, moves, moves + turns
+def _shadow(n, at, pairs, start, hull, V, half):
+    """The ends of a moving shape's shadow on n, less its radius, when a time begins and
+    when it ends: the lowest at both, and the highest at both [m].
+
+    A point's shadow n . p moves at n . (v + w x p) to the first order, so that at t it
+    is (n + t n x w) . p + t n . v: that of a resting shape on another direction.
+
+    Args:
+        n: (3,) unit direction.
+        at, pairs: of `shadow_gap`.
+        start, hull: of the shape, as of `ShapePairs`.
+        V: (6,) its spatial velocity about the world's origin.
+        half: the time is within [-half, half].
+    """
+    hulls, first, count = pairs.hulls.value, start, 2
+    if hull >= 0:
+        first, count = start + hulls.after[hull], hulls.corners[hull]
+    a, b, c = n[0], n[1], n[2]
+    moved = half * (a * V[3] + b * V[4] + c * V[5])
+    turned_0 = half * (b * V[2] - c * V[1])
+    turned_1 = half * (c * V[0] - a * V[2])
+    turned_2 = half * (a * V[1] - b * V[0])
+    low_0 = low_1 = np.inf
+    high_0 = high_1 = -np.inf
+    x = y = z = 0.0
+    for i in range(count):
+        if hull >= 0 or i == 0:
+            x, y, z = at[first + i, 0], at[first + i, 1], at[first + i, 2]
+        else:
+            u = at[start + pairs.to_vector]
+            x, y, z = x + u[0], y + u[1], z + u[2]
+        here = a * x + b * y + c * z
+        more = moved + (turned_0 * x + turned_1 * y + turned_2 * z)
+        low_0, high_0 = min(low_0, here - more), max(high_0, here - more)
+        low_1, high_1 = min(low_1, here + more), max(high_1, here + more)
+    return low_0, low_1, high_0, high_1
 
 
 @compiled
@@ -254,13 +235,13 @@ def shadow_gap(
     b: np.ndarray,
     half: float,
 ) -> np.ndarray:
-    """(A4): how far the shadows of two moving segments on n are apart, less curvature.
+    """(A4): how far the shadows of two moving axes or hulls on n are apart, less
+    curvature.
 
-    Each end's shadow n . p moves at n . p_dot to the first order. The gap between two
-    segments, the smallest of four differences, is then concave in time, and smallest
-    where the time begins or ends. So is that of two hulls, the smallest of as many as
-    they have pairs of corners. A half space that stands still, n its normal, has the
-    shadow of its axis, and all of it is behind.
+    Each corner's shadow n . p moves at n . p_dot to the first order. The gap between
+    two shapes, the smallest of the differences of their corners, is then concave in
+    time, and smallest where the time begins or ends. A half space that stands still, n
+    its normal, has the shadow of its axis, and all of it is behind.
 
     Args:
         n: (k, 3) unit directions.
@@ -274,28 +255,14 @@ def shadow_gap(
     Returns:
         (k,) a bound from below, to the first order [m].
     """
-    gap, hulls = np.empty(len(n)), pairs.hulls.value
+    gap = np.empty(len(n))
     for k in range(len(n)):
         of = some[k]
-        if pairs.hull_a[of] >= 0 or pairs.hull_b[of] >= 0:
-            corners = corners_of(
-                at, pairs.start_a[of], pairs.vector_a[of], pairs.hull_a[of], hulls
-            )
-            low_0, low_1, _, _ = shadow_rates(n[k], corners, a[k], half)
-            corners = corners_of(
-                at, pairs.start_b[of], pairs.vector_b[of], pairs.hull_b[of], hulls
-            )
-            _, _, high_0, high_1 = shadow_rates(n[k], corners, b[k], half)
-            gap[k] = min(low_0 - high_0, low_1 - high_1)
-            continue
-        p, u = at[pairs.start_a[some[k]]], at[pairs.vector_a[some[k]]]
-        a_0, a_1, da_0, da_1 = _end_shadows(n[k], p, u, a[k], half)
-        p, u = at[pairs.start_b[some[k]]], at[pairs.vector_b[some[k]]]
-        b_0, b_1, db_0, db_1 = _end_shadows(n[k], p, u, b[k], half)
-        gap[k] = min(
-            min(a_0 - da_0, a_1 - da_1) - max(b_0 - db_0, b_1 - db_1),
-            min(a_0 + da_0, a_1 + da_1) - max(b_0 + db_0, b_1 + db_1),
-        )
+        start, hull = pairs.start_a[of], pairs.hull_a[of]
+        low_0, low_1, _, _ = _shadow(n[k], at, pairs, start, hull, a[k], half)
+        start, hull = pairs.start_b[of], pairs.hull_b[of]
+        _, _, high_0, high_1 = _shadow(n[k], at, pairs, start, hull, b[k], half)
+        gap[k] = min(low_0 - high_0, low_1 - high_1)
     return gap
 
 
@@ -304,8 +271,8 @@ def path_bounds(
     start: np.ndarray,
     x: np.ndarray,
     bend: np.ndarray,
+    rows: np.ndarray,
     level: np.ndarray,
-    asked: np.ndarray,
     r: Robot,
     reaches: Held,
     quick: bool,
@@ -324,27 +291,23 @@ def path_bounds(
     Args:
         start, x: (nq,), (nv,) where the path begins, and where it leads from there.
         bend: (nv,) and what it leads farther by, as t^2; 0 for a straight one.
-        level: (Np,) distances to be kept [m].
-        asked: (Np,) bool, of which pairs.
-        r: with the pairs of shapes in the first half of its `pairs`.
-        reaches: holds `Reaches` of the pairs.
+        rows: (k,) which of the robot's pairs of shapes.
+        level: (k,) distances to be kept [m].
+        r: the robot.
+        reaches: holds `Reaches` of all its pairs.
         quick: whether one pair that is seen below its level is enough to know.
     """
-    count = len(level)
+    count = len(rows)
     low, seen = np.full(count, np.inf), np.full(count, np.inf)
     at = np.full(count, -1.0)
-    if not asked.any():
-        return Bounds(low, at, seen)
-    reaches = reaching(start, x, bend, reaches)
-    pairs, of = r.pairs.value, reaches.value
-    curvature = np.zeros(count)
-    examined = np.flatnonzero(asked)
+    pairs, above = r.pairs.value, reaches.value.above
+    reach = reaching(start, x, bend, rows, reaches.value)
+    moves = select_rows(pairs.moves, rows)
     fastest = np.maximum(np.abs(x), np.abs(x + 2.0 * bend))
-    put_at(curvature, examined, path_curvature(fastest, examined, of))
-    if bend.any():
-        curvature += 2.0 * travel(bend, reaches)
+    curvature = path_curvature(fastest, moves, reach, above)
+    curvature += 2.0 * travel(bend, reach)
     points = np.zeros((len(r.first), 3))
-    open_ = asked.reshape(1, -1)
+    open_ = np.ones((1, count), dtype=np.bool_)
     for halving in range(_HALVINGS + 1):
         parts, half = len(open_), 0.5 / len(open_)
         below = np.zeros((2 * parts, count), dtype=np.bool_)
@@ -353,22 +316,15 @@ def path_bounds(
             if not len(some):
                 continue
             t = (2 * part + 1) * half
-            shapes, own = pairs.shapes[some], of.own[some]
-            moved, rate = t * x + (t * t) * bend, x + (2.0 * t) * bend
+            shapes, moved = rows[some], t * x + (t * t) * bend
+            rate = x + (2.0 * t) * bend
             S = place_pairs(points, start + moved, shapes, r)
             d, n, _, _ = nearest_points(points, pairs, shapes)
-            gap = shadow_gap(
-                n,
-                points,
-                pairs,
-                shapes,
-                own_velocities(S, rate, of.a_alone, own),
-                own_velocities(S, rate, of.b_alone, own),
-                half,
-            )
+            a, b = own_velocities(S, rate, moves, some)
+            gap = shadow_gap(n, points, pairs, shapes, a, b, half)
             for k in range(len(some)):
                 pair = some[k]
-                radii = pairs.sizes.radii[shapes[k]]
+                radii = pairs.radii[shapes[k]]
                 bound = gap[k] - (radii + 0.5 * half * half * curvature[pair])
                 if bound >= level[pair]:
                     low[pair] = min(low[pair], bound)
@@ -398,32 +354,35 @@ def path_bounds(
 
 @compiled
 def gradients_at(
-    start: np.ndarray, x: np.ndarray, bounds: Bounds, r: Robot
+    start: np.ndarray, x: np.ndarray, rows: np.ndarray, bounds: Bounds, r: Robot
 ) -> tuple[np.ndarray, np.ndarray]:
     """Eq. (20) of the pairs that are not clear, where they are not: (k,), (k, nv).
 
     Args:
-        r: as in `path_bounds`.
+        rows, r: as in `path_bounds`.
 
     Returns:
-        The pairs, and their gradients [m/rad or 1].
+        Which of the rows, and their gradients [m/rad or 1].
     """
-    pairs = r.pairs.value
     failed = np.flatnonzero(bounds.at >= 0.0)
     g, points = np.zeros((len(failed), len(x))), np.zeros((len(r.first), 3))
     for k in range(len(failed)):
         some = failed[k : k + 1]
         there = start + bounds.at[some[0]] * x
-        shapes = pairs.shapes[some]
-        _, found = distances_at(points, there, shapes, pairs.moves[some], r)
+        _, found = distances_at(points, there, rows[some], r)
         put(g[k], 0, found[0])
     return failed, g
 
 
 @compiled
-def travel(x: np.ndarray, reaches: Held) -> np.ndarray:
-    """(A6): how much joints that move by |x_j| can change the distances, (Np,) [m]."""
-    return transposed_times(reaches.value.farthest, np.abs(x))
+def travel(x: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """(A6): how much joints that move by |x_j| can change the distances, (k,) [m].
+
+    Args:
+        x: (nv,) [rad, m].
+        reach: (k, nv) of `reaching`.
+    """
+    return times(reach, np.abs(x))
 
 
 class AdmissionGains(NamedTuple):

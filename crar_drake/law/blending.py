@@ -12,7 +12,7 @@ from crar_drake.law.compilation import compiled
 from crar_drake.law.tasks import (
     DesiredTasks,
     TaskRows,
-    put_joint_rows,
+    rotation_from_quaternion,
     stack_rows,
 )
 from crar_drake.law.vectors import (
@@ -114,22 +114,19 @@ def blend_rotations(
 @compiled
 def blend_tasks(
     rows: TaskRows,
-    R_start: np.ndarray,
-    p_start: np.ndarray,
-    q_start: np.ndarray,
+    start: np.ndarray,
     target: DesiredTasks,
     step: tuple[float, float, float],
 ) -> DesiredTasks:
-    """Blends every task from (R_start, p_start, q_start) to `target`.
+    """Blends every task from `start` to `target`.
 
     Args:
-        R_start: (Na, 3, 3) measured orientations at the start.
-        p_start: (Nl, 3) measured positions at the start [m].
-        q_start: (Nj,) measured positions of the tasks that are joints [rad or m].
+        start: what was measured at the start, beginning with x_d of `TaskLayout`.
         target: the targets of this instant.
         step: (s, s_dot, s_ddot) of `smooth_step`.
     """
-    Na = len(target.R)
+    Na, quaternions = len(target.R), start[rows.quaternion_entries].reshape(-1, 4)
+    R_start = rotation_from_quaternion(quaternions)
     R, omega, omega_dot = np.empty((Na, 3, 3)), np.empty((Na, 3)), np.empty((Na, 3))
     for i in range(Na):
         at = rows.angular_rows[3 * i : 3 * i + 3]
@@ -142,15 +139,16 @@ def blend_tasks(
                 R[i, j, k] = R_i[j, k]
     at = rows.linear_rows
     p, v, a = blend_vectors(
-        p_start.ravel(), target.p.ravel(), target.v[at], target.a[at], step
+        *(start[rows.position_entries], target.p.ravel()),
+        *(target.v[at], target.a[at], step),
     )
-    at = rows.joint_rows
-    q, qdot, qddot = blend_vectors(q_start, target.q, target.v[at], target.a[at], step)
+    at, here = rows.joint_rows, start[rows.joint_entries]
+    q, qdot, qddot = blend_vectors(here, target.q, target.v[at], target.a[at], step)
     return DesiredTasks(
         R,
         p.reshape(-1, 3),
-        put_joint_rows(stack_rows(omega, v, rows), qdot, rows),
-        put_joint_rows(stack_rows(omega_dot, a, rows), qddot, rows),
+        stack_rows(omega, v, qdot, rows),
+        stack_rows(omega_dot, a, qddot, rows),
         q,
     )
 

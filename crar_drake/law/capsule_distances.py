@@ -1,4 +1,4 @@
-"""Signed distances of capsules, spheres and half spaces, for all pairs at once.
+"""Signed distances of capsules, spheres and half spaces, and their gradients.
 
 The paper takes the minimum distances and collision points of Eqs. (19)-(26) from
 a collision library. For capsules (a sphere is one of length zero) the closed form
@@ -15,7 +15,7 @@ import numpy as np
 
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.hull_distances import hull_distance, no_hulls
-from crar_drake.law.vectors import cross, dot, smallest
+from crar_drake.law.vectors import cross, dot
 
 # Below this sin^2 of the angle between two axes, cancellation spoils the plain
 # formula for their nearest points: by 4e-9 m at 5e-8 rad where arms cross.
@@ -26,72 +26,32 @@ _PARALLEL = 1e-24
 _TOUCHING = 1e-12
 
 
-class CapsuleSizes(NamedTuple):
-    """What is fixed of N pairs of capsules; made by `capsule_sizes`."""
+class ShapePairs(NamedTuple):
+    """N pairs of shapes, whose axes are among P points.
 
-    uu: np.ndarray  # (N,) squared lengths of the axes of a [m^2]
-    vv: np.ndarray  # (N,) and of b
-    per_uu: np.ndarray  # (N,) their inverses, 1 for spheres [1/m^2]
-    per_vv: np.ndarray
-    uu_vv: np.ndarray  # (N,) their products, 1 where one is a sphere [m^4]
+    An axis is given by where it starts and by the vector from there to its end. That of
+    a hull starts in its middle and has no length.
+    """
+
+    start_a: np.ndarray  # (N,) where the axes of a start, among the points
+    start_b: np.ndarray
+    to_vector: int  # so many places after its start is the vector of each axis
     radii: np.ndarray  # (N,) sums of both radii [m]
     balls: np.ndarray  # (N,) and of those of the balls about both [m]
     flat: np.ndarray  # (N,) bool, whether b is a half space
-
-
-def capsule_sizes(
-    length_a: np.ndarray,
-    radius_a: np.ndarray,
-    length_b: np.ndarray,
-    radius_b: np.ndarray,
-    flat_b: np.ndarray | None = None,
-) -> CapsuleSizes:
-    """The sizes of N pairs of capsules.
-
-    Args:
-        length_a, length_b: (N,) of the axes, 0 for spheres [m].
-        radius_a, radius_b: (N,) [m].
-        flat_b: (N,) bool, where b is a half space, of radius 0, and a a sphere; by
-            default nowhere.
-    """
-    uu, vv = np.square(length_a), np.square(length_b)
-    # Of an axis without length the parameter does not matter.
-    product = uu * vv
-    return CapsuleSizes(
-        uu=uu,
-        vv=vv,
-        per_uu=1.0 / np.where(uu > 0.0, uu, 1.0),
-        per_vv=1.0 / np.where(vv > 0.0, vv, 1.0),
-        uu_vv=np.where(product > 0.0, product, 1.0),
-        radii=radius_a + radius_b,
-        balls=0.5 * (np.sqrt(uu) + np.sqrt(vv)) + (radius_a + radius_b),
-        flat=np.zeros(len(uu), dtype=bool) if flat_b is None else flat_b,
-    )
-
-
-class ShapePairs(NamedTuple):
-    """The shapes of Nr rows, in K configurations of P points each.
-
-    A row is a watched pair, of which the nearest shapes count, or a pair of its shapes.
-    The shape pairs of one watched pair stand side by side: those in closed form, whose
-    axes are among the points, and others whose nearest points are asked elsewhere. Of
-    those in closed form, Ns, all are looked at or some, K Nf.
-    """
-
-    start_a: np.ndarray  # (K Ns,) where the axes of a start, among all points
-    start_b: np.ndarray
-    # (K Ns,) the vectors from there to their ends, each as many places after its start
-    vector_a: np.ndarray
-    vector_b: np.ndarray
-    sizes: CapsuleSizes  # (K Ns,)
-    shapes: np.ndarray  # (K Nf,) which of these are looked at
-    # (Ns,) the row of each among what SceneGraph is asked; -1 of hulls about shapes
-    order: np.ndarray
-    members: np.ndarray  # (K Nr, most) shape pairs of each row; the first fills up
-    moves: np.ndarray  # (Nr, nv) see `collisions.distance_gradient_about_origin`
-    hull_a: np.ndarray  # (K Ns,) which hull a is, whose axis is its middle; -1 if none
+    # (N, nv) 1 where a joint moves a alone, -1 where it moves b alone, else 0
+    moves: np.ndarray
+    hull_a: np.ndarray  # (N,) which hull a is; -1 if none
     hull_b: np.ndarray
     hulls: Held  # of `Hulls`
+
+
+class WatchedRows(NamedTuple):
+    """The watched pairs of links: of each its nearest pair of shapes counts."""
+
+    members: np.ndarray  # (Nc, most) pairs of shapes of each; the first fills up
+    exact: np.ndarray  # (N,) bool, of which the closed form is not of a hull about it
+    moves: np.ndarray  # (Nc, nv) as of `ShapePairs`
 
 
 @compiled
@@ -114,7 +74,7 @@ def nearest_points(
     space's, everywhere. A hull takes the place of an axis, see `hull_distance`.
 
     Args:
-        at: (K P, 3) points, where the axes start [m] and from there to their ends
+        at: (P, 3) points, where the axes start [m] and from there to their ends
             among them [m].
         some: (N,) which of the pairs.
 
@@ -125,26 +85,21 @@ def nearest_points(
         them is along the normal.
     """
     count = len(some)
-    sizes, hulls = pairs.sizes, pairs.hulls.value
+    hulls, to_vector = pairs.hulls.value, pairs.to_vector
     d, normal = np.empty(count), np.empty((count, 3))
     nearest_a, nearest_b = np.empty((count, 3)), np.empty((count, 3))
     # Of a signed place Numba asks each time whether it counts from the end.
     for i in range(count):
         of = np.uintp(some[i])
         a, b = np.uintp(pairs.start_a[of]), np.uintp(pairs.start_b[of])
-        u, v = np.uintp(pairs.vector_a[of]), np.uintp(pairs.vector_b[of])
+        u = np.uintp(pairs.start_a[of] + to_vector)
+        v = np.uintp(pairs.start_b[of] + to_vector)
         if pairs.hull_a[of] >= 0 or pairs.hull_b[of] >= 0:
             far, n, x = hull_distance(
-                at,
-                pairs.start_a[of],
-                pairs.vector_a[of],
-                pairs.hull_a[of],
-                pairs.start_b[of],
-                pairs.vector_b[of],
-                pairs.hull_b[of],
-                hulls,
+                *(at, pairs.start_a[of], pairs.hull_a[of], pairs.start_b[of]),
+                *(pairs.hull_b[of], to_vector, hulls),
             )
-            d[i] = far - sizes.radii[of]
+            d[i] = far - pairs.radii[of]
             for c in range(3):
                 normal[i, c], nearest_a[i, c] = n[c], x[c]
                 nearest_b[i, c] = x[c] - far * n[c]
@@ -157,19 +112,23 @@ def nearest_points(
         uv = u_0 * v_0 + u_1 * v_1 + u_2 * v_2
         ur = u_0 * r_0 + u_1 * r_1 + u_2 * r_2
         vr = v_0 * r_0 + v_1 * r_1 + v_2 * r_2
-        determinant = sizes.uu_vv[of] - uv * uv
-        if determinant < _NEARLY_PARALLEL * sizes.uu_vv[of]:
+        uu = u_0 * u_0 + u_1 * u_1 + u_2 * u_2
+        vv = v_0 * v_0 + v_1 * v_1 + v_2 * v_2
+        # Of an axis without length the parameter does not matter.
+        uu, vv = uu if uu > 0.0 else 1.0, vv if vv > 0.0 else 1.0
+        determinant = uu * vv - uv * uv
+        if determinant < _NEARLY_PARALLEL * uu * vv:
             s = _along_nearly_parallel(
                 np.array([u_0, u_1, u_2]),
                 np.array([v_0, v_1, v_2]),
                 np.array([r_0, r_1, r_2]),
-                sizes.uu[of],
-                sizes.vv[of],
+                uu,
+                vv,
             )
         else:
-            s = (uv * vr - ur * sizes.vv[of]) / determinant
-        t = _to_unit((uv * _to_unit(s) + vr) * sizes.per_vv[of])
-        s = _to_unit((uv * t - ur) * sizes.per_uu[of])
+            s = (uv * vr - ur * vv) / determinant
+        t = _to_unit((uv * _to_unit(s) + vr) / vv)
+        s = _to_unit((uv * t - ur) / uu)
         x_0, x_1, x_2 = a_0 + s * u_0, a_1 + s * u_1, a_2 + s * u_2
         y_0, y_1, y_2 = b_0 + t * v_0, b_1 + t * v_1, b_2 + t * v_2
         n_0, n_1, n_2 = x_0 - y_0, x_1 - y_1, x_2 - y_2
@@ -183,13 +142,13 @@ def nearest_points(
                 n_1 / axis_distance,
                 n_2 / axis_distance,
             )
-        if sizes.flat[of]:
-            along = np.sqrt(sizes.per_vv[of])
+        if pairs.flat[of]:
+            along = 1.0 / np.sqrt(vv)
             height = -vr * along
             axis_distance = height
             n_0, n_1, n_2 = -v_0 * along, -v_1 * along, -v_2 * along
             y_0, y_1, y_2 = a_0 - height * n_0, a_1 - height * n_1, a_2 - height * n_2
-        d[i] = axis_distance - sizes.radii[of]
+        d[i] = axis_distance - pairs.radii[of]
         normal[i, 0], normal[i, 1], normal[i, 2] = n_0, n_1, n_2
         nearest_a[i, 0], nearest_a[i, 1], nearest_a[i, 2] = x_0, x_1, x_2
         nearest_b[i, 0], nearest_b[i, 1], nearest_b[i, 2] = y_0, y_1, y_2
@@ -230,6 +189,38 @@ def _perpendicular(u, v):
     return normal / np.sqrt(dot(normal, normal))
 
 
+@compiled
+def distance_gradient_about_origin(
+    normal: np.ndarray, point: np.ndarray, S: np.ndarray, moves: np.ndarray
+) -> np.ndarray:
+    """Eq. (20) of all pairs as one product, (Nc, n) [m/rad or 1], from S.
+
+    Both witness points lie on one line along the normal, so that a unit force along
+    it has the same moment p x n about the world's origin at either. The wrench does
+    work on joint j at the rate [p x n; n]^T S_j if j carries a, less that if it
+    carries b: n^T (J_a - J_b).
+
+    Args:
+        normal: (Nc, 3) unit vectors from b towards a, in W.
+        point: (Nc, 3) any point of the line through both witness points [m].
+        S: (6, n) the joints' motion about the world's origin, angular above linear,
+            see `kinematics.joint_motion`.
+        moves: (Nc, n) 1 where the joint carries a alone, -1 where it carries b alone,
+            else 0.
+    """
+    g = np.zeros(moves.shape)
+    for i in range(len(moves)):
+        x, y, z = point[i, 0], point[i, 1], point[i, 2]
+        n_0, n_1, n_2 = normal[i, 0], normal[i, 1], normal[i, 2]
+        w_0, w_1, w_2 = y * n_2 - z * n_1, z * n_0 - x * n_2, x * n_1 - y * n_0
+        for j in range(moves.shape[1]):
+            if moves[i, j] != 0.0:
+                turning = w_0 * S[0, j] + w_1 * S[1, j] + w_2 * S[2, j]
+                rate = turning + n_0 * S[3, j] + n_1 * S[4, j]
+                g[i, j] = moves[i, j] * (rate + n_2 * S[5, j])
+    return g
+
+
 def capsule_distances(
     p_a0: np.ndarray,
     p_a1: np.ndarray,
@@ -250,16 +241,16 @@ def capsule_distances(
         witness points on the axis of a and (N, 3) on the axis of b [m].
     """
     u, v = p_a1 - p_a0, p_b1 - p_b0
-    sizes = capsule_sizes(
-        np.linalg.norm(u, axis=1), radius_a, np.linalg.norm(v, axis=1), radius_b
-    )
-    every = np.arange(len(u))
-    a, b, along_a, along_b = (every + i * len(u) for i in range(4))
-    members = every[:, np.newaxis]
-    moves = np.zeros((len(u), 0))
+    every, radii = np.arange(len(u)), radius_a + radius_b
     pairs = ShapePairs(
-        *(a, b, along_a, along_b, sizes, every, every, members, moves),
-        *no_hulls(len(u)),
+        start_a=every,
+        start_b=every + len(u),
+        to_vector=2 * len(u),
+        radii=radii,
+        balls=radii,
+        flat=np.zeros(len(u), dtype=bool),
+        moves=np.zeros((len(u), 0)),
+        **no_hulls(len(u)),
     )
     return nearest_points(np.concatenate((p_a0, p_b0, u, v)), pairs, every)
 
@@ -270,31 +261,31 @@ _REFUTED = 1e-4
 
 @compiled
 def nearest_of_pairs(
-    points: np.ndarray, asked: np.ndarray, pairs: ShapePairs
+    points: np.ndarray, asked: np.ndarray, pairs: ShapePairs, watched: WatchedRows
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where the shapes of each row are nearest.
+    """Where the links of each watched pair are nearest, as SceneGraph has it.
+
+    An answer that the closed form refutes is not taken: Drake's search ends too early
+    now and then, and is then up to centimetres too large.
 
     Args:
-        points: (K, P, 3) in W, the axes' starts and vectors among them [m].
-        asked: (N, 7) what SceneGraph answers of all shapes: distance, normal from b to
-            a, point fixed to a on the line of the shortest distance; (0, 7) where it is
-            not asked. An answer that the closed form refutes is not taken: Drake's
-            search ends too early now and then, and is then up to centimetres too large.
+        points: (P, 3) in W, the axes' starts and vectors among them [m].
+        asked: (N, 7) what SceneGraph answers of all pairs of shapes: distance, normal
+            from b to a, point fixed to a on the line of the shortest distance.
 
     Returns:
-        (K Nr,) signed distances [m]; (K Nr, 3) unit normals from b to a; (K Nr, 3)
-        points fixed to a on the line of the shortest distance [m].
+        (Nc,) signed distances [m]; (Nc, 3) unit normals from b to a; (Nc, 3) points
+        fixed to a on the line of the shortest distance [m].
     """
-    d, normal, p_WA, _ = nearest_points(points.reshape(-1, 3), pairs, pairs.shapes)
-    if len(asked):
-        exact = d, normal, p_WA
-        d, normal = asked[:, 0].copy(), asked[:, 1:4].copy()
-        p_WA = asked[:, 4:].copy()
-        for k in range(len(pairs.order)):
-            row = pairs.order[k]
-            if row >= 0 and not d[row] <= exact[0][k] + _REFUTED:
-                d[row], normal[row], p_WA[row] = exact[0][k], exact[1][k], exact[2][k]
-    if len(d) == len(pairs.members):
-        return d, normal, p_WA
-    keep = smallest(d, pairs.members)
+    d, normal, p_WA, _ = nearest_points(points, pairs, np.arange(len(asked)))
+    for k in range(len(asked)):
+        if not watched.exact[k] or asked[k, 0] <= d[k] + _REFUTED:
+            d[k], normal[k], p_WA[k] = asked[k, 0], asked[k, 1:4], asked[k, 4:]
+    keep = np.empty(len(watched.members), dtype=np.int64)
+    for i in range(len(keep)):
+        keep[i] = watched.members[i, 0]
+        for k in watched.members[i]:
+            # A NaN counts as smaller than any number, so that it is not lost.
+            if d[k] < d[keep[i]] or np.isnan(d[k]):
+                keep[i] = k
     return d[keep], normal[keep], p_WA[keep]

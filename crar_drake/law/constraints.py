@@ -86,7 +86,7 @@ class RobotConstraints:
             *(model.joints, model.pairs, model.order),
             *(plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()),
         )
-        losses, robot = np.zeros(len(model.pairs.pair_of_shapes)), model.robot_ahead
+        losses, robot = np.zeros(len(model.pairs.pair_of_shapes)), model.robot
         if errors.any():
             check_slides(errors, reaches, model)
             losses = distance_losses(errors, reaches)

@@ -18,7 +18,7 @@ import numpy as np
 
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.law.blending import smooth_step
-from crar_drake.law.composite_weight import composite_index
+from crar_drake.law.constraint_weights import composite_index
 from crar_drake.law.constraints import Braking, RobotConstraints
 from crar_drake.law.lateness import LATEST, Lateness, watch_lateness
 from crar_drake.law.motors import Motors, clip_torque, share_of_nominal
@@ -39,7 +39,7 @@ from crar_drake.law.records import (
     Solution,
     check_finite,
 )
-from crar_drake.law.references import BlendStart, Targets, TaskGains
+from crar_drake.law.references import Targets, TaskGains
 from crar_drake.law.step import AS_NOMINAL, State, Step, step
 from crar_drake.law.vectors import is_finite
 from crar_drake.robot.model import ControlModel
@@ -355,7 +355,7 @@ class ControlLaw:
             status = STATUS_BRAKING
         else:
             if start is None:
-                start_time, start = time, self._start(q, v)
+                start_time, start = time, self._start(q)
             blend = smooth_step(time - start_time, self._blend_time)
             if blend[0] < 1.0:
                 status = STATUS_BLENDING
@@ -416,7 +416,7 @@ class ControlLaw:
         return replace(known, regions=regions)
 
     def _blended(
-        self, targets: Targets, q: np.ndarray, start: BlendStart, blend: tuple
+        self, targets: Targets, q: np.ndarray, start: np.ndarray, blend: tuple
     ) -> Targets:
         """The targets of a step, with a nominal posture."""
         posture = targets.posture
@@ -548,14 +548,11 @@ class ControlLaw:
                 check_finite(name, value, time)
         return finite
 
-    def _start(self, q: np.ndarray, v: np.ndarray) -> BlendStart:
-        """What is measured, to blend from."""
+    def _start(self, q: np.ndarray) -> np.ndarray:
+        """What is measured, to blend from: `Targets.start`."""
         model = self.model
-        state = model.task_state(q, v)
-        return BlendStart(
-            *(state.R, state.p, q[model.prescribed_positions]),
-            state.q[model.layout.rows.joints],
-        )
+        x = model.tasks_at(q)[: model.layout.size_x]
+        return np.concatenate((x, q[model.prescribed_positions]))
 
     def _came(self, before: Memory, q: np.ndarray, v: np.ndarray) -> bool:
         """Whether a robot may have come here from the state a period ago."""

@@ -110,7 +110,7 @@ class Ground:
         self._level = balance_level(self._q, self._v, self._law)
         self._brake: np.ndarray | None = None
         # What evades a tip is to move the tasks the least.
-        root = correction_norm(self._q, _DAMPING, model.robot_by_pair)
+        root = correction_norm(self._q, _DAMPING, model.robot)
         state.root = np.tril(root)
 
     def rows(self, state: State) -> None:

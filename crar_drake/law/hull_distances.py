@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.law.compilation import Held, compiled, hold
+from crar_drake.law.compilation import compiled, hold
 
 # A distance is found to this [m]. Rounding, of robots' sizes, comes nowhere near it.
 _ENOUGH = 1e-12
@@ -38,27 +38,28 @@ class Hulls(NamedTuple):
     first_edge: np.ndarray  # (H + 1,) where its edges begin, and all end
 
 
-def no_hulls(count: int) -> tuple[np.ndarray, np.ndarray, Held]:
+def no_hulls(count: int) -> dict[str, object]:
     """`hull_a`, `hull_b` and `hulls` of so many pairs of capsules."""
-    none, nothing = np.full(count, -1), np.zeros(0, dtype=int)
-    first = np.zeros(1, dtype=int)
+    nothing, first = np.zeros(0, dtype=int), np.zeros(1, dtype=int)
     hulls = Hulls(
         *(nothing, nothing, nothing.reshape(-1, 3), nothing.reshape(-1, 2)),
-        *(first, first.copy()),
+        *(first, first),
     )
-    return none, none.copy(), hold(hulls)
+    none = np.full(count, -1)
+    return {"hull_a": none, "hull_b": none, "hulls": hold(hulls)}
 
 
 @compiled
 def corners_of(
-    at: np.ndarray, start: int, vector: int, hull: int, hulls: Hulls
+    at: np.ndarray, start: int, hull: int, to_vector: int, hulls: Hulls
 ) -> np.ndarray:
     """(V, 3) the points of which a shape, less its radius, is the hull [m].
 
     Args:
         at: (P, 3) points, among them where the shape's axis starts [m], the vector from
             there to its end, and the corners of hulls.
-        start, vector: which of the points.
+        start: which of the points is the start.
+        to_vector: so many places after it is the vector.
         hull: which of `hulls` the shape is; -1 of a capsule or sphere.
     """
     if hull >= 0:
@@ -67,7 +68,7 @@ def corners_of(
     ends = np.empty((2, 3))
     for c in range(3):
         ends[0, c] = at[start, c]
-        ends[1, c] = at[start, c] + at[vector, c]
+        ends[1, c] = at[start, c] + at[start + to_vector, c]
     return ends
 
 
@@ -229,28 +230,15 @@ def nearest_apart(
 
 
 @compiled
-def _edges_of(points, hull, hulls):
-    """(E, 3) the directions of a shape's edges, of a capsule its axis."""
-    if hull < 0:
-        return points[1:] - points[:1]
-    first, end = hulls.first_edge[hull], hulls.first_edge[hull + 1]
-    found = np.empty((end - first, 3))
-    for k in range(first, end):
-        found[k - first] = points[hulls.edges[k, 1]] - points[hulls.edges[k, 0]]
-    return found
-
-
-@compiled
-def _span_of(points, hull, hulls):
-    """(F, 2, 3) two directions in each of a shape's faces; a capsule has none."""
-    if hull < 0:
-        return np.empty((0, 2, 3))
-    first, end = hulls.first_face[hull], hulls.first_face[hull + 1]
-    found = np.empty((end - first, 2, 3))
-    for k in range(first, end):
-        corner = points[hulls.faces[k, 0]]
-        found[k - first, 0] = points[hulls.faces[k, 1]] - corner
-        found[k - first, 1] = points[hulls.faces[k, 2]] - corner
+def _directions(points, first, corners):
+    """(M, k - 1, 3) from the first of k corners to the others, of a hull's edges or
+    faces; `first` says where these begin in `corners` (N, k), and end."""
+    found = np.empty((first[1] - first[0], corners.shape[1] - 1, 3))
+    for i in range(len(found)):
+        of = corners[first[0] + i]
+        for k in range(1, len(of)):
+            for c in range(3):
+                found[i, k - 1, c] = points[of[k], c] - points[of[0], c]
     return found
 
 
@@ -287,11 +275,10 @@ def _gap_across(a, b, e, f, best, n):
 def hull_distance(
     at: np.ndarray,
     start_a: int,
-    vector_a: int,
     hull_a: int,
     start_b: int,
-    vector_b: int,
     hull_b: int,
+    to_vector: int,
     hulls: Hulls,
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """The signed distance of two shapes less their radii, of which one is a hull.
@@ -300,65 +287,32 @@ def hull_distance(
     one direction, as it is outside. So it changes by no more than both move.
 
     Args:
-        at, start_a, vector_a, hull_a: of the first shape, as of `corners_of`.
-        start_b, vector_b, hull_b: of the second.
+        at, to_vector: as of `corners_of`.
+        start_a, hull_a: of the first shape, as there.
+        start_b, hull_b: of the second.
 
     Returns:
         The distance [m]; (3,) the unit normal from b towards a; (3,) the point of a on
         the line of the shortest distance [m].
     """
-    a = corners_of(at, start_a, vector_a, hull_a, hulls)
-    b = corners_of(at, start_b, vector_b, hull_b, hulls)
+    a = corners_of(at, start_a, hull_a, to_vector, hulls)
+    b = corners_of(at, start_b, hull_b, to_vector, hulls)
     apart, d, n, x = nearest_apart(a, b, np.zeros(3))
     if apart:
         return d, n, x
     d = -np.inf
-    for span in _span_of(a, hull_a, hulls):
-        d = _gap_across(a, b, span[0], span[1], d, n)
-    for span in _span_of(b, hull_b, hulls):
-        d = _gap_across(a, b, span[0], span[1], d, n)
-    edges = _edges_of(b, hull_b, hulls)
-    for e in _edges_of(a, hull_a, hulls):
-        for f in edges:
+    for hull, points in ((hull_a, a), (hull_b, b)):
+        if hull >= 0:
+            for span in _directions(points, hulls.first_face[hull:], hulls.faces):
+                d = _gap_across(a, b, span[0], span[1], d, n)
+    edges_a, edges_b = a[1:] - a[:1], b[1:] - b[:1]  # of a capsule
+    if hull_a >= 0:
+        edges_a = _directions(a, hulls.first_edge[hull_a:], hulls.edges)[:, 0].copy()
+    if hull_b >= 0:
+        edges_b = _directions(b, hulls.first_edge[hull_b:], hulls.edges)[:, 0].copy()
+    for e in edges_a:
+        for f in edges_b:
             d = _gap_across(a, b, e, f, d, n)
     shift = (_PARTED - d) * n
     _, _, _, x = nearest_apart(a, b, shift)
     return d, n, x - shift
-
-
-@compiled
-def shadow_rates(
-    n: np.ndarray, points: np.ndarray, V: np.ndarray, half: float
-) -> tuple[float, float, float, float]:
-    """The ends of a moving hull's shadow on n where a time begins and ends, for (A4).
-
-    A point's shadow n . p moves at n . (v + w x p) to the first order, so that at t it
-    is (n + t n x w) . p + t n . v: that of a resting hull on another direction.
-
-    Args:
-        n: (3,) unit direction.
-        points: (V, 3) of which the shape is the hull [m].
-        V: (6,) its spatial velocity about the world's origin.
-        half: the time is within [-half, half].
-
-    Returns:
-        The lowest at -half and at half, the highest at -half and at half [m].
-    """
-    turned = half * np.array(
-        [
-            n[1] * V[2] - n[2] * V[1],
-            n[2] * V[0] - n[0] * V[2],
-            n[0] * V[1] - n[1] * V[0],
-        ]
-    )
-    moved = half * (n[0] * V[3] + n[1] * V[4] + n[2] * V[5])
-    low_0 = low_1 = np.inf
-    high_0 = high_1 = -np.inf
-    for i in range(len(points)):
-        here, more = 0.0, moved
-        for c in range(3):
-            here += n[c] * points[i, c]
-            more += turned[c] * points[i, c]
-        low_0, high_0 = min(low_0, here - more), max(high_0, here - more)
-        low_1, high_1 = min(low_1, here + more), max(high_1, here + more)
-    return low_0, low_1, high_0, high_1

@@ -17,11 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.law.capsule_distances import nearest_of_pairs
-from crar_drake.law.collisions import distance_gradient_about_origin
+from crar_drake.law.capsule_distances import (
+    distance_gradient_about_origin,
+    nearest_of_pairs,
+)
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.tasks import TaskRows, rotation_from_quaternion, stack_rows
-from crar_drake.law.vectors import transposed
 
 
 class Tree(NamedTuple):
@@ -58,8 +59,8 @@ class TaskPoints(NamedTuple):
     of_rows: np.ndarray  # (m,) the task of each row
     carried: np.ndarray  # (m, nv) 1 where the joint moves the row's task
     carries: np.ndarray  # (T, nv) 1 where the joint moves the task
-    above: np.ndarray  # (nv, nv) 1 where joint j moves joint i's frame, i = j included
-    of_joints: np.ndarray  # (m, nv) 1 where a row is that joint; (0, 0) if none is
+    above: np.ndarray  # (nv, nv) 1 where joint j carries joint i, i = j not included
+    of_joints: np.ndarray  # (m, nv) 1 where a row is that joint
 
 
 @compiled
@@ -187,7 +188,7 @@ def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray
         tasks: with the turns or axes e of the rows, 0 of a joint's.
     """
     m, nv = tasks.carried.shape
-    J = tasks.of_joints.copy() if len(tasks.of_joints) else np.zeros((m, nv))
+    J = tasks.of_joints.copy()
     for i in range(m):
         e_0, e_1, e_2 = tasks.fixed[i, 3], tasks.fixed[i, 4], tasks.fixed[i, 5]
         if not tasks.fixed[i].any():
@@ -201,6 +202,17 @@ def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray
                 turning = w_0 * S[0, j] + w_1 * S[1, j] + w_2 * S[2, j]
                 J[i, j] += turning + e_0 * S[3, j] + e_1 * S[4, j] + e_2 * S[5, j]
     return J
+
+
+@compiled
+def add_motion_cross(change: np.ndarray, V: np.ndarray, X: np.ndarray) -> None:
+    """change += [w x s; w x t + u x s], in place, of V = [w; u] and X = [s; t], all
+    (6,): how X changes with a frame that moves by V."""
+    for k in range(3):
+        m, n = (k + 1) % 3, (k + 2) % 3
+        change[k] += V[m] * X[n] - V[n] * X[m]
+        change[3 + k] += V[m] * X[3 + n] - V[n] * X[3 + m]
+        change[3 + k] += V[3 + m] * X[n] - V[3 + n] * X[m]
 
 
 @compiled
@@ -226,68 +238,41 @@ def task_bias(
         v: (nv,) velocities.
     """
     nv, T = len(v), len(tasks.carries)
-    is_pose, moves_one = np.zeros(T, dtype=np.bool_), np.zeros(nv, dtype=np.bool_)
-    for of in (rows.angular_tasks, rows.linear_tasks):
-        for i in of:
-            is_pose[i] = True
-            for j in range(nv):
-                moves_one[j] |= tasks.carries[i, j] != 0.0
-    own, change, moving = np.zeros((nv, 6)), np.empty((nv, 6)), np.empty(6)
+    own, change, moving = np.empty((nv, 6)), np.zeros((nv, 6)), np.empty(6)
     for j in range(nv):
-        if not moves_one[j]:
-            continue
         for c in range(6):
             own[j, c] = S[c, j] * v[j]
     for j in range(nv):
-        if not moves_one[j]:
-            continue
         for c in range(6):
             moving[c] = 0.0
-        for i in range(nv):
-            if tasks.above[j, i] != 0.0:
-                for c in range(6):
-                    moving[c] += own[i, c]
-        s_0, s_1, s_2 = own[j, 0], own[j, 1], own[j, 2]
-        t_0, t_1, t_2 = own[j, 3], own[j, 4], own[j, 5]
-        w_0, w_1, w_2 = moving[0], moving[1], moving[2]
-        u_0, u_1, u_2 = moving[3], moving[4], moving[5]
-        change[j, 0] = w_1 * s_2 - w_2 * s_1
-        change[j, 1] = w_2 * s_0 - w_0 * s_2
-        change[j, 2] = w_0 * s_1 - w_1 * s_0
-        change[j, 3] = (w_1 * t_2 - w_2 * t_1) + (u_1 * s_2 - u_2 * s_1)
-        change[j, 4] = (w_2 * t_0 - w_0 * t_2) + (u_2 * s_0 - u_0 * s_2)
-        change[j, 5] = (w_0 * t_1 - w_1 * t_0) + (u_0 * s_1 - u_1 * s_0)
-    alpha, a_p = np.zeros((T, 3)), np.zeros((T, 3))
-    A, link = np.empty(6), np.empty(6)
+            for i in range(nv):
+                moving[c] += tasks.above[j, i] * own[i, c]
+        add_motion_cross(change[j], moving, own[j])
+    alpha, a_p = np.empty((T, 3)), np.empty((T, 3))
+    A, link, at = np.empty(6), np.empty(6), np.empty(3)
     for i in range(T):
-        if not is_pose[i]:
-            continue
         for c in range(6):
             A[c], link[c] = 0.0, 0.0
-        for j in range(nv):
-            if tasks.carries[i, j] != 0.0:
-                for c in range(6):
-                    A[c] += change[j, c]
-                    link[c] += own[j, c]
-        x, y, z = p[i, 0], p[i, 1], p[i, 2]
-        w_0, w_1, w_2 = link[0], link[1], link[2]
-        u_0 = link[3] + (w_1 * z - w_2 * y)
-        u_1 = link[4] + (w_2 * x - w_0 * z)
-        u_2 = link[5] + (w_0 * y - w_1 * x)
-        alpha[i, 0], alpha[i, 1], alpha[i, 2] = A[0], A[1], A[2]
-        a_p[i, 0] = A[3] + (A[1] * z - A[2] * y) + (w_1 * u_2 - w_2 * u_1)
-        a_p[i, 1] = A[4] + (A[2] * x - A[0] * z) + (w_2 * u_0 - w_0 * u_2)
-        a_p[i, 2] = A[5] + (A[0] * y - A[1] * x) + (w_0 * u_1 - w_1 * u_0)
-    return stack_rows(alpha[rows.angular_tasks], a_p[rows.linear_tasks], rows)
+            for j in range(nv):
+                A[c] += tasks.carries[i, j] * change[j, c]
+                link[c] += tasks.carries[i, j] * own[j, c]
+        for k in range(3):
+            m, n = (k + 1) % 3, (k + 2) % 3
+            at[k] = link[3 + k] + (link[m] * p[i, n] - link[n] * p[i, m])
+        for k in range(3):
+            m, n = (k + 1) % 3, (k + 2) % 3
+            alpha[i, k] = A[k]
+            a_p[i, k] = A[3 + k] + (A[m] * p[i, n] - A[n] * p[i, m])
+            a_p[i, k] += link[m] * at[n] - link[n] * at[m]
+    still = np.zeros(len(rows.joint_rows))
+    return stack_rows(alpha[rows.angular_tasks], a_p[rows.linear_tasks], still, rows)
 
 
 class State(NamedTuple):
     """The numbers of one state, all in the world frame W.
 
     nv velocities, the controlled joints' first and then the prescribed ones', a free
-    root's at the end, whose orientation has a position more; K = 2 configurations where
-    the robot would come to rest counts, too, else 1; Nr rows of watched shapes, see
-    `capsule_distances.ShapePairs`.
+    root's at the end, whose orientation has a position more.
     """
 
     q: np.ndarray  # (nq,) positions of the joints [rad, m]
@@ -296,16 +281,8 @@ class State(NamedTuple):
     p: np.ndarray  # (Nl, 3) positions p_WT of the tasks that have one [m]
     J: np.ndarray  # (m, nv) Eq. (5)
     Jdot_qdot: np.ndarray  # (m,) Eq. (6)
-    d: np.ndarray  # (K, Nr) signed distances [m]
-    dd_dv: np.ndarray  # (K, Nr, nv) Eq. (20)
-
-
-class Measured(NamedTuple):
-    """A measured state, and where the robot would come to rest from it if K = 2."""
-
-    q: np.ndarray  # (K, nq) positions in the plant's order
-    v: np.ndarray  # (nv,) velocities in the plant's order
-    asked: np.ndarray  # (N, 7) see `nearest_of_pairs`; (0, 7) without pairs
+    points: np.ndarray  # (P, 3) of `Robot.selection`
+    S: np.ndarray  # (6, nv) `joint_motion`
 
 
 class Robot(NamedTuple):
@@ -324,66 +301,60 @@ class Robot(NamedTuple):
     tree: Held  # of a `Tree`
     tasks: Held  # of `TaskPoints`
     rows: Held  # of `TaskRows`
-    pairs: Held  # of `ShapePairs`, in as many configurations as `Measured` has
+    pairs: Held  # of `ShapePairs`
+    watched: Held  # of `WatchedRows`
 
 
 @compiled
-def find_state(measured: Measured, r: Robot) -> State:
-    """Eqs. (5), (6), (20): the numbers of a state."""
+def find_state(q: np.ndarray, v: np.ndarray, r: Robot) -> State:
+    """Eqs. (5), (6): the numbers of a state, (nq,), (nv,) in the plant's order."""
     tasks, rows, nv = r.tasks.value, r.rows.value, len(r.order)
     tree = r.tree.value
-    X = link_poses(measured.q, tree, tree.every)
+    X = link_poses(q.reshape(1, -1), tree, tree.every)
     points = place_points(X, r.selection, r.first)
-    S = joint_motion(points[:, : 3 * nv])
-    pairs = r.pairs.value
-    d, normal, p_WA = nearest_of_pairs(points, measured.asked, pairs)
+    S = joint_motion(points[:, : 3 * nv])[0]
     T, Na = len(tasks.carries), len(rows.angular_tasks)
-    first = 3 * nv
-    p = points[0, first : first + T]
-    axes = points[0, first + T : first + T + 3 * Na]
-    axes = axes.reshape(-1, 3, 3)  # columns of R_WT, as rows
-    v = measured.v[r.order]
+    first, points = 3 * nv, points[0]
+    p = points[first : first + T]
+    R, axes = np.empty((Na, 3, 3)), points[first + T :]
+    for i in range(Na):
+        for c in range(3):
+            for k in range(3):
+                R[i, c, k] = axes[3 * i + k, c]
+    v = v[r.order]
     return State(
-        measured.q[0][r.positions],
+        q[r.positions],
         v,
-        transposed(axes),
+        R,
         p[rows.linear_tasks],
-        task_jacobian(p, S[0], tasks),
-        task_bias(p, S[0], v, tasks, rows),
-        d.reshape(len(S), -1),
-        distance_gradient_about_origin(normal, p_WA, S, pairs.moves),
+        task_jacobian(p, S, tasks),
+        task_bias(p, S, v, tasks, rows),
+        points,
+        S,
     )
 
 
 @compiled
-def measured_distances(measured: Measured, robot: Held) -> np.ndarray:
-    """The signed distances of a state alone, (Nr,) [m]."""
-    r = robot.value
-    tree = r.tree.value
-    X = link_poses(measured.q, tree, tree.every)
-    points = place_points(X, r.selection, r.first)
-    d, _, _ = nearest_of_pairs(points, measured.asked, r.pairs.value)
-    return d
-
-
-@compiled
-def evaluate_state(measured: Measured, robot: Held) -> State:
-    """`find_state`, of a held `Robot`."""
-    return find_state(measured, robot.value)
-
-
-@compiled
-def join_joints(
-    qddot: np.ndarray, qddot_p: np.ndarray, order: np.ndarray
-) -> np.ndarray:
-    """Accelerations (nv,) in the plant's order.
+def watched_distances(
+    state: State, asked: np.ndarray, r: Robot
+) -> tuple[np.ndarray, np.ndarray]:
+    """Eq. (20): signed distances (Nc,) of the watched pairs [m], and their gradients
+    (Nc, nv) by all joints.
 
     Args:
-        qddot, qddot_p: (n,), (n_p,) of the controlled and the prescribed joints.
-        order: (nv,) their places in the plant's order, see `Robot`.
+        state: of the robot.
+        asked: of `nearest_of_pairs`.
     """
-    vdot = np.empty(len(order))
-    n = len(qddot)
-    for i in range(len(order)):
-        vdot[order[i]] = qddot[i] if i < n else qddot_p[i - n]
-    return vdot
+    watched = r.watched.value
+    d, normal, p = nearest_of_pairs(state.points, asked, r.pairs.value, watched)
+    return d, distance_gradient_about_origin(normal, p, state.S, watched.moves)
+
+
+@compiled
+def evaluate_state(
+    q: np.ndarray, v: np.ndarray, asked: np.ndarray, robot: Held
+) -> tuple[State, np.ndarray, np.ndarray]:
+    """`find_state` and `watched_distances`, of a held `Robot`."""
+    state = find_state(q, v, robot.value)
+    d, dd_dv = watched_distances(state, asked, robot.value)
+    return state, d, dd_dv

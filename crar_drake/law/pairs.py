@@ -36,18 +36,24 @@ from crar_drake.law.approach import (
     pair_margins,
     pair_rates,
 )
-from crar_drake.law.capsule_distances import nearest_of_pairs, nearest_points
-from crar_drake.law.collisions import distance_gradient_about_origin
+from crar_drake.law.capsule_distances import (
+    distance_gradient_about_origin,
+    nearest_points,
+)
 from crar_drake.law.compilation import Held, compiled, hold
 from crar_drake.law.kinematics import joint_motion
-from crar_drake.law.nearby import some_reaches, some_shapes
-from crar_drake.law.path_balls import Balls, curvature, near_on_way
+from crar_drake.law.path_balls import (
+    Balls,
+    Shapes,
+    curvature,
+    near_on_way,
+    near_segment,
+    place_ends,
+)
 from crar_drake.law.projection import Rows, hard_rows
-from crar_drake.law.shapes import Shapes, near_segment, place_ends
 from crar_drake.law.step import SafetyCheck, State
-from crar_drake.law.vectors import times
+from crar_drake.law.vectors import select_rows, times
 
-_NOTHING_ASKED = np.zeros((0, 7))
 # A correction aims so far above the distance that a pair must keep [m], since a row is
 # linear and the distance is not; it is a part of the 1 mm between d_0 and the margin.
 _SPARE = 3e-4
@@ -153,10 +159,9 @@ def relaxed_distances(
     rows, _, _ = near_segment(q, x, distance, shapes)
     if not len(rows):
         return np.zeros(0)
-    keep, asked = np.full(len(rows), distance - ROUNDING), np.full(len(rows), True)
-    r = some_shapes(shapes.robot, rows).value
-    reaches = some_reaches(shapes.reaches, rows)
-    found = path_bounds(q, x, np.zeros(len(x)), keep, asked, r, reaches, False)
+    keep, straight = np.full(len(rows), distance - ROUNDING), np.zeros(len(x))
+    of = shapes.robot.value, shapes.reaches
+    found = path_bounds(q, x, straight, rows, keep, *of, False)
     if not (found.at >= 0.0).any():
         return np.zeros(0)
     kept = np.full(shapes.balls.value.shapes[-1], distance)
@@ -193,11 +198,13 @@ def pair_rows(
     rows, _ = near_on_way(centres, points, bend, margin, r.pairs.value, balls)
     if not len(rows):
         return np.zeros((0, nv)), np.zeros(0)
-    some = some_shapes(shapes.robot, rows).value.pairs.value
-    d, normal, p = nearest_of_pairs(points, _NOTHING_ASKED, some)
-    S = joint_motion(points[:, : 3 * nv])
-    g = distance_gradient_about_origin(normal, p, S, some.moves)
-    h = pair_margins(d.reshape(2, -1), g, v, T)
+    pairs, S = r.pairs.value, joint_motion(points[:, : 3 * nv])
+    d, g = np.empty((2, len(rows))), np.empty((2, len(rows), nv))
+    moves = select_rows(pairs.moves, rows)
+    for k in range(2):
+        d[k], normal, p, _ = nearest_points(points[k], pairs, rows)
+        g[k] = distance_gradient_about_origin(normal, p, S[k], moves)
+    h = pair_margins(d, g, v, T)
     least = pair_rates(h, numbers) - margin_curvature(g, v)
     near = np.flatnonzero(h < numbers.influence_distance)
     return g.reshape(len(h), nv)[near], least[near]
@@ -250,11 +257,8 @@ def check_pairs(
         keep = np.full(len(rows), floor)
         if len(kept):
             keep = np.minimum(kept[rows], floor)
-        asked = np.ones(len(rows), dtype=np.bool_)
-        r = some_shapes(shapes.robot, rows).value
-        reaches = some_reaches(shapes.reaches, rows)
-        quick = not correct
-        bounds = path_bounds(start, x, straight, keep, asked, r, reaches, quick)
+        r, reaches, quick = shapes.robot.value, shapes.reaches, not correct
+        bounds = path_bounds(start, x, straight, rows, keep, r, reaches, quick)
         worst, most = -1, -np.inf
         for k in range(len(rows)):
             clearance = min(clearance, bounds.low[k])
@@ -263,7 +267,7 @@ def check_pairs(
         if worst >= 0:
             if not correct:
                 return False, clearance, worst, *none
-            failed, g = gradients_at(start, x, bounds, r)
+            failed, g = gradients_at(start, x, rows, bounds, r)
             d, at = bounds.d[failed], bounds.at[failed]
             missing = (keep[failed] + _SPARE - d) / (k_0 + at * k_1)
             moved = np.zeros(nv)
@@ -310,11 +314,9 @@ def _keeps_way(q, v, s, kept, floor, of, shapes):
         rows = rows[kept[rows] >= floor]
     if not len(rows):
         return True
-    keep, asked = np.full(len(rows), floor), np.ones(len(rows), dtype=np.bool_)
-    some = some_shapes(shapes.robot, rows).value
-    reaches = some_reaches(shapes.reaches, rows)
-    way = path_bounds(q, along, bend, keep, asked, some, reaches, True)
+    keep, reaches = np.full(len(rows), floor), shapes.reaches
+    way = path_bounds(q, along, bend, rows, keep, r, reaches, True)
     if (way.at >= 0.0).any():
         return False
-    chord = path_bounds(q, along + bend, 0.0 * bend, keep, asked, some, reaches, True)
+    chord = path_bounds(q, along + bend, 0.0 * bend, rows, keep, r, reaches, True)
     return not (chord.at >= 0.0).any()

@@ -7,24 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.law.collisions import (
-    collision_gradient,
+from crar_drake.law.compilation import Held, compiled, hold
+from crar_drake.law.constraint_weights import (
+    LimitPotential,
+    approach_weights,
     collision_potential_slope,
     collision_proximity,
-    collision_weights,
-    pair_weights,
-)
-from crar_drake.law.compilation import Held, compiled, hold
-from crar_drake.law.composite_weight import composite_weights, inertia_weight
-from crar_drake.law.handover import hand_over, take_over
-from crar_drake.law.joint_limits import (
-    LimitPotential,
-    joint_limit_weights,
+    inertia_weight,
     limit_gradient,
     limit_potential,
     limit_proximity,
 )
-from crar_drake.law.kinematics import Measured, find_state, join_joints
+from crar_drake.law.kinematics import find_state, watched_distances
 from crar_drake.law.nominal import Nominal
 from crar_drake.law.references import (
     References,
@@ -32,15 +26,12 @@ from crar_drake.law.references import (
     TaskGains,
     find_references,
 )
-from crar_drake.law.resolved_acceleration import (
-    acceleration_level_acceleration,
-    constrained_resolved_acceleration,
-    constrained_velocity,
-    null_space_motion,
-    velocity_level_acceleration,
+from crar_drake.law.vectors import times, transposed_times
+from crar_drake.law.weighted_inverse import (
+    damped_inverse,
+    inverse_times,
+    project_to_null_space,
 )
-from crar_drake.law.vectors import times
-from crar_drake.law.weighted_inverse import damped_inverse, inverse_times
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
@@ -61,14 +52,6 @@ class Gains(NamedTuple):
     velocity_level: bool
 
 
-class ConstraintWeights(NamedTuple):
-    """The diagonal of W, and what its next evaluation compares with."""
-
-    W: np.ndarray  # (n,)
-    limit_proximity: np.ndarray  # (n,) for the next step's Eq. (18).
-    pair_proximity: np.ndarray  # (Nc, n) for the next step's Eq. (21).
-
-
 @compiled
 def constraint_weights(
     q: np.ndarray,
@@ -78,7 +61,7 @@ def constraint_weights(
     pair_before: np.ndarray,
     limits: LimitPotential,
     gains: Gains,
-) -> ConstraintWeights:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Eqs. (17)-(28) in their order.
 
     Args:
@@ -87,16 +70,22 @@ def constraint_weights(
         dd_dq: (Nc, n) Eq. (20).
         limit_before, pair_before: (n,), (Nc, n) the proximities of the step before;
             zeros at the first.
+
+    Returns:
+        (n,) the diagonal of W; and the proximities (n,), (Nc, n) for the next step.
     """
-    near_limit = limit_gradient(q, limits)
+    near_limit = limit_gradient(q, limits)  # (17)
     of_limits = limit_proximity(q, near_limit, limits)
-    W_JL = joint_limit_weights(near_limit, of_limits, limit_before)
-    slope = collision_potential_slope(d, gains.rho, gains.alpha, gains.beta)
-    gradient = collision_gradient(slope, dd_dq)
+    W_JL = approach_weights(near_limit, of_limits, limit_before)  # (18)
+    slope = collision_potential_slope(d, gains.rho, gains.alpha, gains.beta)  # (23)
+    gradient = slope[:, np.newaxis] * dd_dq  # (19), (25)
     of_pairs = collision_proximity(gradient, d)
-    W_COL = collision_weights(pair_weights(gradient, of_pairs, pair_before))
-    W = composite_weights(W_JL, W_COL, gains.limit_share)
-    return ConstraintWeights(W, of_limits, of_pairs)
+    W_COL = np.ones(len(q))
+    if len(d):
+        W_COL_j = approach_weights(gradient, of_pairs, pair_before)  # (21)
+        W_COL = transposed_times(W_COL_j, np.ones(len(d))) / len(d)  # (26)
+    W = gains.limit_share * W_JL + (1.0 - gains.limit_share) * W_COL  # (27)
+    return W, of_limits, of_pairs
 
 
 @compiled
@@ -114,7 +103,7 @@ def weighted_acceleration(
         qdot: (n,) velocities of the controlled joints [rad/s].
         W: (n,) diagonal of the weight.
         inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
-        qdot_c_before: (n,) Eq. (15) of the step before; (0,) at the first step.
+        qdot_c_before: (n,) Eq. (15) of the step before; NaN at the first step.
 
     Returns:
         (n,) q_ddot [rad/s^2]; (n,) q_dot_c [rad/s]; (n,) diagonal of the weight.
@@ -127,120 +116,42 @@ def weighted_acceleration(
     else:
         J_star = damped_inverse(J, W, gains.damping)
     GvN = gains.Gv if np.isnan(gains.GvN) else gains.GvN
-    v_r, a_r = references.v_r, references.a_r
+    # Of tasks that are joints what they ask for is not damped.
     qdot_0, qddot_0 = references.qdot_0, references.qddot_0
-    if len(qdot_0):  # tasks that are joints: `references.undamped_preference`
-        v_r, a_r = v_r - times(J, qdot_0), a_r - times(J, qddot_0)
-    qdot_c = constrained_velocity(J_star, v_r)
-    if len(qdot_0):
-        qdot_c = qdot_0 + qdot_c
-    if gains.velocity_level:
-        before = qdot_c_before if len(qdot_c_before) else qdot_c
-        alpha = velocity_level_acceleration(qdot_c, before, gains.period)
+    qdot_c = qdot_0 + inverse_times(J_star, references.v_r - times(J, qdot_0))  # (15)
+    if gains.velocity_level:  # (3), (10); 0 where there is no difference to take
+        before = qdot_c if np.isnan(qdot_c_before[0]) else qdot_c_before
+        alpha = (qdot_c - before) / gains.period
     else:
-        zeta = null_space_motion(qdot_c, qdot, GvN) + references.posture
-        alpha = acceleration_level_acceleration(J_star, J, a_r, zeta)
-        if len(qddot_0):
-            alpha = qddot_0 + alpha
-    qddot = constrained_resolved_acceleration(alpha, qdot_c, qdot, gains.Gv)
+        a_r = references.a_r - times(J, qddot_0)
+        alpha = qddot_0 + inverse_times(J_star, a_r)  # (13)
+        if J.shape[0] < J.shape[1]:
+            zeta = GvN * (qdot_c - qdot) + references.posture  # (33)
+            alpha += project_to_null_space(J_star, J, zeta)  # (31), (35)
+    # (12), (30): (12) with K_qv = H Gv, so that both levels differ in alpha only.
+    qddot = alpha + gains.Gv * (qdot_c - qdot)
     return qddot, qdot_c, W
 
 
 class PaperNumbers(NamedTuple):
     """What the law is made with."""
 
+    robot: Held  # of a `Robot`
     tasks: TaskGains
     limits: LimitPotential
     gains: Gains
     constrained: bool  # else W = I
 
 
-class PaperMemory(NamedTuple):
-    """What one step leaves to the next."""
-
-    limit_proximity: np.ndarray  # (n,) |grad h_i|, which Eq. (18) compares with
-    pair_proximity: np.ndarray  # (Nc, n) |grad f_ji|, which Eq. (21) compares with
-    qdot_c: np.ndarray  # (n,) Eq. (15), for Eq. (10); (0,) before the first step
-
-
 @compiled
 def paper_step(
-    measured: Measured,
-    targets: Targets,
-    inertia: np.ndarray,
-    robot: Held,
-    mode: Held,
-    before: PaperMemory,
-) -> tuple[np.ndarray, ...]:
-    """One control step of the paper's law; see the functions above.
-
-    Args:
-        inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
-        robot: holds a `Robot`.
-        mode: holds `PaperNumbers`.
-        before: of the step before; zeros, and no q_dot_c, at the first.
-
-    Returns:
-        (nv,) accelerations in the plant's order; (m,) Eq. (11) against the targets as
-        given; (n,) diagonal of W; `PaperMemory` for the next step, of which (Nc n,) the
-        second; (Nc,) signed distances [m].
-    """
-    r, numbers = robot.value, mode.value
-    n, gains = r.n, numbers.gains
-    state = find_state(measured, r)
-    references = find_references(state, targets, r.rows.value, numbers.tasks)
-    if numbers.constrained:
-        weights = constraint_weights(
-            state.q[:n],
-            state.d[0],
-            np.ascontiguousarray(state.dd_dv[0][:, :n]),
-            before.limit_proximity,
-            before.pair_proximity,
-            numbers.limits,
-            gains,
-        )
-    else:
-        weights = ConstraintWeights(
-            np.ones(n), before.limit_proximity, before.pair_proximity
-        )
-    qddot, qdot_c, W = weighted_acceleration(
-        references,
-        state.v[:n],
-        weights.W,
-        inertia,
-        before.qdot_c,
-        gains,
-    )
-    return (
-        join_joints(qddot, references.qddot_p, r.order),
-        references.error,
-        W,
-        weights.limit_proximity,
-        weights.pair_proximity.ravel(),
-        qdot_c,
-        state.d[0],
-    )
-
-
-class Numbers(NamedTuple):
-    """All that stays from step to step."""
-
-    robot: Held  # of a `Robot`
-    mode: Held  # of `PaperNumbers`
-
-
-@compiled
-def paper_control(
     q: np.ndarray,
     v: np.ndarray,
     asked: np.ndarray,
     tasks: np.ndarray,
     prescribed: np.ndarray,
     posture: np.ndarray,
-    R: np.ndarray,
-    p: np.ndarray,
-    q_p: np.ndarray,
-    q_t: np.ndarray,
+    start: np.ndarray,
     s: float,
     s_dot: float,
     s_ddot: float,
@@ -248,35 +159,45 @@ def paper_control(
     inertia: np.ndarray,
     law: Held,
 ) -> np.ndarray:
-    """`paper_step`, from arrays to one.
+    """One control step of the paper's law; see the functions above.
 
     Args:
-        q, v, asked, tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot: state
-            and targets, of `handover.hand_over`.
-        kept: (2 n + Nc n,) `PaperMemory`, whose q_dot_c is NaN before the first step.
-        inertia: of `paper_step`.
-        law: holds `Numbers`.
+        q, v: (nq,), (nv,) state in the plant's order.
+        asked: of `watched_distances`.
+        tasks, ..., s_ddot: the targets, taken apart.
+        kept: (n + Nc n + n,) of the step before: the proximities that Eqs. (18) and
+            (21) compare with, and q_dot_c of Eq. (15). At the first step the former are
+            0, and the latter NaN.
+        inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
+        law: holds `PaperNumbers`.
 
     Returns:
-        What `paper_step` returns, one after the other.
+        One after the other: (nv,) accelerations in the plant's order; (m,) Eq. (11)
+        against the targets as given; (n,) diagonal of W; what the next step is to have
+        as `kept`.
     """
-    robot, mode = law.value.robot, law.value.mode
-    r, n = robot.value, robot.value.n
-    Nc = len(r.pairs.value.moves)
-    pairs = n + Nc * n
-    qdot_c = kept[pairs:]
-    if np.isnan(qdot_c[0]):
-        qdot_c = qdot_c[:0]
-    return np.concatenate(
-        paper_step(
-            Measured(q.reshape(1, -1), v, asked),
-            take_over(tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot),
-            inertia,
-            robot,
-            mode,
-            PaperMemory(kept[:n], kept[n:pairs].reshape(Nc, n), qdot_c),
+    numbers = law.value
+    r, gains = numbers.robot.value, numbers.gains
+    n, Nc = r.n, len(r.watched.value.moves)
+    of_limits, of_pairs = kept[:n], kept[n : n + Nc * n].reshape(Nc, n)
+    state = find_state(q, v, r)
+    targets = Targets(tasks, prescribed, posture, start, (s, s_dot, s_ddot))
+    references = find_references(state, targets, r.rows.value, numbers.tasks)
+    W = np.ones(n)
+    if numbers.constrained:
+        d, dd_dv = watched_distances(state, asked, r)
+        dd_dq, limits = np.ascontiguousarray(dd_dv[:, :n]), numbers.limits
+        W, of_limits, of_pairs = constraint_weights(
+            state.q[:n], d, dd_dq, of_limits, of_pairs, limits, gains
         )
+    qddot, qdot_c, W = weighted_acceleration(
+        references, state.v[:n], W, inertia, kept[n + Nc * n :], gains
     )
+    in_order, vdot = np.concatenate((qddot, references.qddot_p)), np.empty(len(v))
+    for i in range(len(v)):
+        vdot[r.order[i]] = in_order[i]
+    error, of_pairs = references.error, of_pairs.ravel()
+    return np.concatenate((vdot, error, W, of_limits, of_pairs, qdot_c))
 
 
 class PaperLaw:
@@ -297,13 +218,12 @@ class PaperLaw:
             gains: the paper's numbers.
             constrained: else W = I: the raw motion, whose violations Fig. 2 counts.
             with_inertia: whether W weighs by the inertia, too, see
-                `composite_weight.inertia_weight`.
+                `constraint_weights.inertia_weight`.
         """
         limits = limit_potential(model.lower, model.upper)
-        mode = hold(PaperNumbers(tasks, limits, gains, constrained))
+        self._law = hold(PaperNumbers(model.robot, tasks, limits, gains, constrained))
         self._model, self._with_inertia = model, with_inertia
-        self._law = hold(Numbers(model.robot_by_pair, mode))
-        # Of what `paper_control` returns, but for the distances at its end.
+        # Of what `paper_step` returns.
         n, nv = model.n, model.n + model.n_p
         kept = n + len(model.pairs) * n
         self._ends = np.cumsum([0, nv, model.m, n, kept, n]).tolist()
@@ -321,8 +241,8 @@ class PaperLaw:
         model, inertia = self._model, _NO_MATRIX
         if self._with_inertia:
             inertia = model.inertia_matrix(workspace)
-        found = paper_control(
-            *(q, v, model.asked_here(workspace), *hand_over(targets)),
+        found = paper_step(
+            *(q, v, model.asked_here(workspace), *targets[:4], *targets.blend),
             *(self._first if before is None else before, inertia, self._law),
         )
         _, a, b, c, d, end = self._ends
@@ -361,9 +281,8 @@ def start_step(
     """
     lower, upper = room
     # Before, nothing was near.
-    W = constraint_weights(
-        q, d, dd_dq, np.zeros(len(q)), np.zeros(dd_dq.shape), limits, gains
-    ).W
+    before = np.zeros(len(q)), np.zeros(dd_dq.shape)
+    W, _, _ = constraint_weights(q, d, dd_dq, *before, limits, gains)
     step = inverse_times(damped_inverse(J, W, gains.damping), error)
     for i in range(len(q)):
         if (q[i] <= lower[i] and step[i] < 0.0) or (q[i] >= upper[i] and step[i] > 0.0):

@@ -1,4 +1,4 @@
-"""Which pairs can be near on a way, by the balls about their links and shapes.
+"""Which pairs of shapes can be near on a way, by the balls about their links and them.
 
 Most pairs of a whole robot stay far apart in a control step, and a bound of a few
 numbers says so. The centre of a ball moves on a way q + u x, 0 <= u <= 1, off the
@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.law.capsule_distances import ShapePairs
-from crar_drake.law.compilation import compiled
+from crar_drake.law.compilation import Held, compiled
+from crar_drake.law.kinematics import Robot, link_poses, place_points
 from crar_drake.law.vectors import times
 
 
@@ -35,6 +36,14 @@ class Balls(NamedTuple):
     b: np.ndarray  # (Nc,)
     shapes: np.ndarray  # (Nc + 1,) where its pairs of shapes begin, and all end
     always: np.ndarray  # (Nc,) whether no ball holds a shape: a half space
+
+
+class Shapes(NamedTuple):
+    """What pairs need of a robot; made by `pairs.Pairs`."""
+
+    robot: Held  # of a `Robot`
+    reaches: Held  # of `admission.Reaches` of its pairs of shapes
+    balls: Held  # of `Balls`
 
 
 @compiled
@@ -64,7 +73,7 @@ def near_on_way(
         points: (2, P, 3) the shapes' axes there, as `ShapePairs` wants them [m].
         bend: (B,) how far each link may be off its chord [m].
         enough: the distance [m].
-        pairs: of the shapes, the first configuration's in its first half.
+        pairs: of the shapes.
 
     Returns:
         (k,) which pairs of shapes; no distance of the others is smaller [m].
@@ -90,7 +99,8 @@ def near_on_way(
         for row in range(balls.shapes[pair], balls.shapes[pair + 1]):
             if not balls.always[pair]:
                 i, j = np.uintp(pairs.start_a[row]), np.uintp(pairs.start_b[row])
-                k, m = np.uintp(pairs.vector_a[row]), np.uintp(pairs.vector_b[row])
+                k = np.uintp(pairs.start_a[row] + pairs.to_vector)
+                m = np.uintp(pairs.start_b[row] + pairs.to_vector)
                 x = start[i, zero] - start[j, zero]
                 y = start[i, one] - start[j, one]
                 z = start[i, two] - start[j, two]
@@ -104,7 +114,7 @@ def near_on_way(
                 v += 0.5 * (end[k, one] - end[m, one])
                 w += 0.5 * (end[k, two] - end[m, two])
                 apart = least_length(x, y, z, u, v, w)
-                off = pairs.sizes.balls[row] + bend[a] + bend[b]
+                off = pairs.balls[row] + bend[a] + bend[b]
                 if apart - off >= enough:
                     low = min(low, apart - off)
                     continue
@@ -122,3 +132,77 @@ def least_length(x, y, z, u, v, w):
         t = min(-towards / way, 1.0)
         here = max(here + t * (2.0 * towards + t * way), 0.0)
     return np.sqrt(here)
+
+
+@compiled
+def place_ends(
+    start: np.ndarray, end: np.ndarray, r: Robot, balls: Balls
+) -> tuple[np.ndarray, np.ndarray]:
+    """The links where a segment in joint space begins and ends, (nv,), (nv,).
+
+    Returns:
+        (2, P, 3) points of the shapes, as `ShapePairs` wants them; (2, B, 3) centres of
+        the links' bounding spheres [m].
+    """
+    both = np.empty((2, len(start)))
+    for i in range(len(start)):
+        both[0, r.positions[i]], both[1, r.positions[i]] = start[i], end[i]
+    X = link_poses(both, r.tree.value, r.tree.value.every)
+    points = place_points(X, r.selection, r.first)
+    return points, place_points(X, balls.centre, balls.first)
+
+
+@compiled
+def near_segment(
+    start: np.ndarray, x: np.ndarray, distance: float, shapes: Shapes
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """The pairs of shapes that may come nearer than a distance [m] on a segment that
+    leads from `start` by x, (nv,) each.
+
+    Returns:
+        (k,) which; no distance of the others is smaller [m]; (2, P, 3) the points where
+        the segment begins and ends [m].
+    """
+    r, balls = shapes.robot.value, shapes.balls.value
+    points, centres = place_ends(start, start + x, r, balls)
+    bend = 0.125 * curvature(x, balls)
+    rows, low = near_on_way(centres, points, bend, distance, r.pairs.value, balls)
+    return rows, low, points
+
+
+@compiled
+def near_balls(
+    points: np.ndarray,
+    starts: np.ndarray,
+    to_vector: int,
+    balls: np.ndarray,
+    enough: float,
+) -> np.ndarray:
+    """Which of N pairs of shapes have balls about them that are nearer than `enough`.
+
+    Of many pairs of few shapes, in one configuration.
+
+    Args:
+        points: (P, 3) the shapes' axes, as `ShapePairs` wants them [m].
+        starts: (2, N) where the axes of a, and of b, start, among these.
+        to_vector: of `ShapePairs`.
+        balls: (N,) of `ShapePairs` [m].
+        enough: [m]; infinite for all.
+
+    Returns:
+        (M,) in ascending order; those that are not a number are among them.
+    """
+    middles = np.empty((len(points) - to_vector, 3))
+    for i in range(len(middles)):
+        for c in range(3):
+            middles[i, c] = points[i, c] + 0.5 * points[i + to_vector, c]
+    near, count = np.empty(len(balls), np.int64), 0
+    for i in range(len(balls)):
+        a, b = np.uintp(starts[0, i]), np.uintp(starts[1, i])
+        x = middles[a, 0] - middles[b, 0]
+        y = middles[a, 1] - middles[b, 1]
+        z = middles[a, 2] - middles[b, 2]
+        far = max(balls[i] + enough, 0.0)
+        near[count] = i
+        count += not x * x + y * y + z * z >= far * far
+    return near[:count]

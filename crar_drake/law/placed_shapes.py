@@ -1,4 +1,4 @@
-"""Where some pairs of shapes are in one configuration, and how joints move them.
+"""Where pairs of shapes are, and how joints move them.
 
 Of a whole robot's pairs few are looked at closely, and only the links that carry their
 shapes are placed for them.
@@ -6,150 +6,126 @@ shapes are placed for them.
 
 import numpy as np
 
-from crar_drake.law.capsule_distances import ShapePairs, nearest_points
-from crar_drake.law.collisions import distance_gradient_about_origin
-from crar_drake.law.compilation import compiled
-from crar_drake.law.kinematics import Robot, Tree, joint_motion, link_poses
+from crar_drake.law.capsule_distances import (
+    distance_gradient_about_origin,
+    nearest_points,
+)
+from crar_drake.law.compilation import Held, compiled
+from crar_drake.law.kinematics import Robot, joint_motion, link_poses, place_points
+from crar_drake.law.vectors import put, select_rows
 
 
 @compiled
-def place_some(
-    at: np.ndarray,
-    X: np.ndarray,
-    selection: np.ndarray,
-    first: np.ndarray,
-    some: np.ndarray,
-) -> None:
-    """`place_points` of some alone, in one configuration, in place.
-
-    Args:
-        at: (P, 3) where they are put.
-        X: (4 N, 3) of `link_poses`.
-        selection, first: (P, 4), (P,) as there.
-        some: (k,) which points.
-    """
-    for k in range(len(some)):
-        i = some[k]
-        j = first[i]
-        p, q, r, s = selection[i, 0], selection[i, 1], selection[i, 2], selection[i, 3]
-        for c in range(3):
-            first_two = p * X[j, c] + q * X[j + 1, c]
-            at[i, c] = first_two + r * X[j + 2, c] + s * X[j + 3, c]
-
-
-@compiled
-def needed_by(
-    shapes: np.ndarray, pairs: ShapePairs, first: np.ndarray, tree: Tree, nv: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """What has to be placed to know where shapes are, and how joints move them.
-
-    Args:
-        shapes: (k,) which of the pairs.
-        first: (P,) of `place_points`, the joints' axes at its beginning.
-        nv: number of velocities, each with three points. (A free joint has six of
-            them, and two frames.)
-
-    Returns:
-        (N,) bool, the frames: those that carry the shapes. The points: the axes and
-        corners of the shapes, and the axes of the joints that move these frames.
-    """
-    axes, hulls = 3 * nv, pairs.hulls.value
-    frames = np.zeros(len(tree.parent), dtype=np.bool_)
-    size = axes + 4 * len(shapes)
-    for of in shapes:
-        for hull in (pairs.hull_a[of], pairs.hull_b[of]):
-            if hull >= 0:
-                size += hulls.corners[hull]
-    points = np.empty(size, dtype=np.int64)
-    count = 0
-    for of in shapes:
-        for point in (
-            pairs.start_a[of],
-            pairs.vector_a[of],
-            pairs.start_b[of],
-            pairs.vector_b[of],
-        ):
-            points[count] = point
-            count += 1
-            frame = first[point] // 4
-            while not frames[frame]:
-                frames[frame] = True
-                frame = tree.parent[frame]
-        # Corners are in the frame of their hull's middle.
-        for start, hull in (
-            (pairs.start_a[of], pairs.hull_a[of]),
-            (pairs.start_b[of], pairs.hull_b[of]),
-        ):
-            if hull >= 0:
-                corner = start + hulls.after[hull]
-                for point in range(corner, corner + hulls.corners[hull]):
-                    points[count] = point
-                    count += 1
-    for point in range(axes):
-        if frames[first[point] // 4]:
-            points[count] = point
-            count += 1
-    return frames, points[:count]
+def _place(at, i, X, r):
+    """`place_points` of one alone, in place: (P, 3) `at`, from X (4 N, 3)."""
+    j = r.first[i]
+    p, q = r.selection[i, 0], r.selection[i, 1]
+    s, t = r.selection[i, 2], r.selection[i, 3]
+    for c in range(3):
+        first_two = p * X[j, c] + q * X[j + 1, c]
+        at[i, c] = first_two + s * X[j + 2, c] + t * X[j + 3, c]
 
 
 @compiled
 def place_pairs(
-    points: np.ndarray, q: np.ndarray, shapes: np.ndarray, r: Robot
+    points: np.ndarray, q: np.ndarray, some: np.ndarray, r: Robot
 ) -> np.ndarray:
-    """The axes of some pairs, in place, and S at one configuration.
+    """The axes and corners of some pairs, in place, and S at one configuration.
 
     Args:
         points: (P, 3) those of `Robot.selection`, finite: of these the axes' are put
             where they are at q [m].
         q: (nq,) positions.
-        shapes: (k,) which pairs of shapes.
+        some: (k,) which pairs of shapes.
 
     Returns:
         (6, nv) `joint_motion`, of the joints that move these shapes.
     """
-    tree = r.tree.value
-    in_plant = np.empty((1, len(q)))
+    tree, pairs, axes = r.tree.value, r.pairs.value, 3 * len(r.order)
+    hulls, in_plant = pairs.hulls.value, np.empty((1, len(q)))
     for i in range(len(q)):
         in_plant[0, r.positions[i]] = q[i]
-    frames, some = needed_by(shapes, r.pairs.value, r.first, tree, len(r.order))
-    X = link_poses(in_plant, tree, frames)
-    place_some(points, X[0], r.selection, r.first, some)
-    return joint_motion(points[: 3 * len(r.order)].reshape(1, -1, 3))[0]
+    # The frames that carry the shapes.
+    frames = np.zeros(len(tree.parent), dtype=np.bool_)
+    for of in some:
+        for start in (pairs.start_a[of], pairs.start_b[of]):
+            frame = r.first[start] // 4
+            while not frames[frame]:
+                frames[frame] = True
+                frame = tree.parent[frame]
+    X = link_poses(in_plant, tree, frames)[0]
+    for of in some:
+        for start, hull in (
+            (pairs.start_a[of], pairs.hull_a[of]),
+            (pairs.start_b[of], pairs.hull_b[of]),
+        ):
+            _place(points, start, X, r)
+            _place(points, start + pairs.to_vector, X, r)
+            if hull >= 0:
+                corner = start + hulls.after[hull]
+                for i in range(corner, corner + hulls.corners[hull]):
+                    _place(points, i, X, r)
+    # A free joint has two frames, and six velocities with three points each.
+    for i in range(axes):
+        if frames[r.first[i] // 4]:
+            _place(points, i, X, r)
+    return joint_motion(points[:axes].reshape(1, -1, 3))[0]
 
 
 @compiled
 def distances_at(
-    points: np.ndarray, q: np.ndarray, shapes: np.ndarray, moves: np.ndarray, r: Robot
+    points: np.ndarray, q: np.ndarray, some: np.ndarray, r: Robot
 ) -> tuple[np.ndarray, np.ndarray]:
     """Distances of some pairs, and their gradients, Eq. (20): (k,) [m], (k, nv).
 
     Args:
-        points, q, shapes, r: of `place_pairs`, in place likewise.
-        moves: (k, nv) of these pairs, see `distance_gradient_about_origin`.
+        points, q, some, r: of `place_pairs`, in place likewise.
     """
-    S = place_pairs(points, q, shapes, r)
-    d, n, p, _ = nearest_points(points, r.pairs.value, shapes)
-    S = np.ascontiguousarray(S).reshape(1, 6, -1)
-    return d, distance_gradient_about_origin(n, p, S, moves)[0]
+    S, pairs = place_pairs(points, q, some, r), r.pairs.value
+    d, n, p, _ = nearest_points(points, pairs, some)
+    moves = select_rows(pairs.moves, some)
+    return d, distance_gradient_about_origin(n, p, S, moves)
 
 
 @compiled
 def own_velocities(
-    S: np.ndarray, x: np.ndarray, alone: np.ndarray, pairs: np.ndarray
-) -> np.ndarray:
-    """Spatial velocities (k, 6) of shapes, seen from what carries both of a pair.
+    S: np.ndarray, x: np.ndarray, moves: np.ndarray, some: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Spatial velocities (k, 6), (k, 6) of both shapes of pairs, seen from what carries
+    both.
 
     Args:
         S: (6, nv) `joint_motion`.
         x: (nv,) what each joint moves in a unit of time.
-        alone: (Np, nv) `a_alone` or `b_alone` of `Reaches`.
-        pairs: (k,) which.
+        moves: (Np, nv) of `ShapePairs`.
+        some: (k,) which.
     """
-    V = np.zeros((len(pairs), 6))
-    for k in range(len(pairs)):
-        moves = alone[pairs[k]]
+    a, b = np.zeros((len(some), 6)), np.zeros((len(some), 6))
+    for k in range(len(some)):
         for j in range(len(x)):
-            if moves[j] != 0.0:
+            carries = moves[some[k], j]
+            if carries != 0.0:
+                V = a if carries > 0.0 else b
                 for c in range(6):
                     V[k, c] += S[c, j] * x[j]
-    return V
+    return a, b
+
+
+@compiled
+def shape_distances(q: np.ndarray, robot: Held) -> np.ndarray:
+    """The signed distances (T, Np) of all pairs of shapes in T configurations [m].
+
+    Args:
+        q: (T, nq) positions in the plant's order.
+        robot: holds a `Robot`.
+    """
+    r = robot.value
+    pairs, tree = r.pairs.value, r.tree.value
+    every = np.arange(len(pairs.radii))
+    found = np.empty((len(q), len(every)))
+    for k in range(len(q)):
+        X = link_poses(q[k : k + 1], tree, tree.every)
+        points = place_points(X, r.selection, r.first)[0]
+        d, _, _, _ = nearest_points(points, pairs, every)
+        put(found[k], 0, d)
+    return found

@@ -14,11 +14,10 @@ import numpy as np
 
 from crar_drake.law.approach import Approach
 from crar_drake.law.compilation import Held, compiled, hold
-from crar_drake.law.handover import hand_over, take_over
-from crar_drake.law.kinematics import Measured, find_state
+from crar_drake.law.kinematics import find_state
 from crar_drake.law.nominal import Nominal
 from crar_drake.law.one_sided import one_sided_nearest_in
-from crar_drake.law.path_balls import near_on_way
+from crar_drake.law.path_balls import Shapes, near_on_way, place_ends
 from crar_drake.law.placed_shapes import distances_at
 from crar_drake.law.references import (
     References,
@@ -26,7 +25,6 @@ from crar_drake.law.references import (
     TaskGains,
     find_references,
 )
-from crar_drake.law.shapes import Shapes, place_ends
 from crar_drake.law.vectors import (
     add_to_diagonal,
     cholesky,
@@ -253,9 +251,8 @@ def pair_rows_ahead(
         some, _ = near_on_way(centres, ends, still, _NEAR, pairs, balls)
         if not len(some):
             continue
-        which, moves = pairs.shapes[some], pairs.moves[some]
-        d, g = distances_at(points, q + x[i], which, moves, r)
-        now, _ = distances_at(points, q, which, moves, r)
+        d, g = distances_at(points, q + x[i], some, r)
+        now, _ = distances_at(points, q, some, r)
         near = np.flatnonzero(d < _NEAR)
         rows, least = np.zeros((len(near), N * n)), np.empty(len(near))
         for found in range(len(near)):
@@ -504,7 +501,7 @@ def plan_accelerations(
 class PlanNumbers(NamedTuple):
     """What a plan is made with."""
 
-    robot: Held  # of a `Robot` without pairs, for the tasks
+    robot: Held  # of a `Robot`, for the tasks
     shapes: Held  # of `Shapes`
     preview: Held  # of `Preview`
     tasks: TaskGains
@@ -521,10 +518,7 @@ def plan_step(
     tasks: np.ndarray,
     prescribed: np.ndarray,
     posture: np.ndarray,
-    R: np.ndarray,
-    p: np.ndarray,
-    q_p: np.ndarray,
-    q_t: np.ndarray,
+    start: np.ndarray,
     s: float,
     s_dot: float,
     s_ddot: float,
@@ -536,7 +530,7 @@ def plan_step(
 
     Args:
         q, v: (nv,), (nv,) state in the plant's order.
-        tasks, ..., s_ddot: the targets, of `handover.hand_over`; posture (n,) or (0,).
+        tasks, ..., s_ddot: the targets, taken apart; posture may be (0,).
         before: (N n,) the plan of one period ago, or (0,).
         efforts: (k, nv + 2) of `effort_rows`.
         held: holds `PlanNumbers`.
@@ -546,10 +540,10 @@ def plan_step(
         against the targets as given.
     """
     numbers = held.value
-    targets = take_over(tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot)
+    targets = Targets(tasks, prescribed, posture, start, (s, s_dot, s_ddot))
     r, preview, n = numbers.robot.value, numbers.preview.value, len(numbers.lower)
     approach, lower, upper = numbers.approach, numbers.lower, numbers.upper
-    state = find_state(Measured(q.reshape(1, -1), v, np.zeros((0, 7))), r)
+    state = find_state(q, v, r)
     references = find_references(state, targets, r.rows.value, numbers.tasks)
     q, v = state.q, state.v
     last = shifted_plan(before, preview, n, numbers.period)
@@ -601,7 +595,7 @@ class Plan:
         """
         self._numbers = hold(
             PlanNumbers(
-                *(model.robot_of_tasks, shapes, hold(preview), tasks),
+                *(model.robot, shapes, hold(preview), tasks),
                 *(approach, lower, upper, period),
             )
         )
@@ -621,7 +615,13 @@ class Plan:
     ) -> Nominal:
         n, model = self._n, self._model
         found = plan_step(
-            *(q, v, *hand_over(targets), _NO_PLAN if before is None else before),
+            *(
+                q,
+                v,
+                *targets[:4],
+                *targets.blend,
+                _NO_PLAN if before is None else before,
+            ),
             *(efforts, self._numbers),
         )
         plan, vdot = found[: self._planned], np.empty(len(v))

@@ -1,7 +1,7 @@
 """What a control step answers, and what it leaves to the next.
 
-With what is measured (`law.kinematics.Measured`), what is wanted
-(`law.references.Targets`) and the parameters these are all of its records.
+With what is wanted (`law.references.Targets`) and the parameters these are all of its
+records.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import numpy as np
 from crar_drake.errors import InputError
 from crar_drake.law.constraints import Braking
 from crar_drake.law.lateness import Lateness
-from crar_drake.law.references import BlendStart
 from crar_drake.robot.model import ControlModel
 
 # Values of the diagnostic "status".
@@ -103,8 +102,8 @@ class Memory:
     # braked without targets, nor where a run began between two control ticks
     continues: bool = False
     start_time: float | None = None  # when blending began [s], None if it has yet to
-    # what was measured then; None if it has yet to begin
-    start: BlendStart | None = None
+    # what was measured then, as `Targets.start`; None if it has yet to begin
+    start: np.ndarray | None = None
     braking: Braking = Braking()  # what is known of the next state's braking path
     # accelerations (nv,) that were commanded, the newest first; as many as
     # `Shared.latency` and `lateness` need

@@ -10,25 +10,11 @@ from crar_drake.law.kinematics import State
 from crar_drake.law.tasks import (
     DesiredTasks,
     TaskRows,
-    put_joint_rows,
-    task_error,
+    orientation_error,
+    stack_rows,
     unpack_tasks,
 )
 from crar_drake.law.vectors import times
-
-
-@compiled
-def reference_velocity(
-    v_d: np.ndarray, e: np.ndarray, K: float | np.ndarray
-) -> np.ndarray:
-    """Eq. (9), in brackets: v_d + K e, also the right side of Eq. (15), (m,).
-
-    Args:
-        v_d: (m,) desired task velocity [rad/s, m/s].
-        e: (m,) task error of Eq. (11) [rad, m].
-        K: gain, a scalar or (m,) [1/s].
-    """
-    return v_d + K * e
 
 
 @compiled
@@ -66,25 +52,18 @@ class TaskGains(NamedTuple):
     weights: np.ndarray  # (m,) of the rows, `tasks.task_weights`; (0,) if all are 1
 
 
-class BlendStart(NamedTuple):
-    """What was measured where blending began."""
-
-    R: np.ndarray  # (Na, 3, 3) orientations R_WT
-    p: np.ndarray  # (Nl, 3) positions p_WT [m]
-    q_p: np.ndarray  # (n_p,) positions of the prescribed joints
-    q: np.ndarray = _NONE  # (Nj,) positions of the tasks that are joints
-
-
-_NOWHERE = BlendStart(np.zeros((0, 3, 3)), np.zeros((0, 3)), _NONE)
-
-
 class Targets(NamedTuple):
-    """The targets of one control step."""
+    """The targets of one control step.
+
+    A compiled step takes them apart, one array after the other: an array goes into
+    compiled code in a fifth of a microsecond, a tuple of arrays in ten times that.
+    """
 
     tasks: np.ndarray  # (layout.size,) [x_d; v_d; a_d] as given, see `TaskLayout`
     prescribed: np.ndarray  # (3 n_p,) desired [q_p; q_dot_p; q_ddot_p]
     posture: np.ndarray  # (n,) that the null space is drawn to; (0,) if not given
-    start: BlendStart = _NOWHERE  # where blending began, and how far it is:
+    # (layout.size_x + n_p,) what was measured where blending began, as x_d and q_p
+    start: np.ndarray = _NONE
     blend: tuple[float, float, float] = (1.0, 0.0, 0.0)  # of `blending.smooth_step`
 
 
@@ -98,26 +77,28 @@ class References(NamedTuple):
     qddot_p: np.ndarray  # (n_p,) accelerations of the prescribed joints
     error: np.ndarray  # (m,) Eq. (11) against the targets as given, without weights.
     # (n,) what the damped inverse is damped towards at the velocity level,
-    # `undamped_preference`; (0,) for 0
-    qdot_0: np.ndarray = _NONE
-    qddot_0: np.ndarray = _NONE  # (n,) and at the acceleration level; (0,) for 0
-    e: np.ndarray = _NONE  # (m,) Eq. (11) against the blended targets
-    e_dot: np.ndarray = _NONE  # (m,) how fast it changes
-    a_ff: np.ndarray = _NONE  # (m,) a_r without feedback
+    # `undamped_preference`
+    qdot_0: np.ndarray
+    qddot_0: np.ndarray  # (n,) and at the acceleration level
+    e: np.ndarray  # (m,) Eq. (11) against the blended targets
+    e_dot: np.ndarray  # (m,) how fast it changes
+    a_ff: np.ndarray  # (m,) a_r without feedback
 
 
 @compiled
 def find_error(
     q: np.ndarray, R: np.ndarray, p: np.ndarray, desired: DesiredTasks, rows: TaskRows
 ) -> np.ndarray:
-    """Eq. (11) of tasks of every kind, (m,) [rad, m].
+    """Eq. (11) of tasks of every kind, (m,) [rad, m]; of a joint it is q_d - q.
 
     Args:
         q: (n,) positions of the controlled joints, or of all in that order [rad or m].
-        R, p: (Na, 3, 3), (Nl, 3) of the tasks, see `task_error`.
+        R: (Na, 3, 3) present orientations of the tasks that have one.
+        p: (Nl, 3) present positions of the tasks that have one [m].
+        rows: which rows belong to which task.
     """
-    e = task_error(rows, R, p, desired.R, desired.p)
-    return put_joint_rows(e, desired.q - q[rows.joints], rows)
+    of_joints = desired.q - q[rows.joints]
+    return stack_rows(orientation_error(R, desired.R), desired.p - p, of_joints, rows)
 
 
 @compiled
@@ -130,7 +111,7 @@ def error_from_targets(
 
 @compiled
 def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarray:
-    """x_0 of `References`, (n,): what tasks that are joints ask of these; (0,) without.
+    """x_0 of `References`, (n,): what tasks that are joints ask of these, 0 of others.
 
     Eq. (34) damps x of J x = b towards 0, and so biases a joint, whose row is a unit
     vector: x = b / (1 + lambda^2). It is damped towards x_0 instead,
@@ -143,9 +124,8 @@ def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarr
     Args:
         of_rows: (m,) right-hand side of a level, without weights.
     """
-    count = len(rows.joints)
-    x_0 = np.zeros(n if count else 0)
-    for i in range(count):
+    x_0 = np.zeros(n)
+    for i in range(len(rows.joints)):
         x_0[rows.joints[i]] = of_rows[rows.joint_rows[i]]
     return x_0
 
@@ -178,12 +158,12 @@ def find_references(
     desired = unpack_tasks(targets.tasks, rows)
     error = e = find_error(state.q, state.R, state.p, desired, rows)
     if blend[0] < 1.0:
-        desired = blend_tasks(rows, start.R, start.p, start.q, desired, blend)
-        q_d, v_d, a_d = blend_vectors(start.q_p, q_d, v_d, a_d, blend)
+        desired = blend_tasks(rows, start, desired, blend)
+        q_d, v_d, a_d = blend_vectors(start[len(start) - n_p :], q_d, v_d, a_d, blend)
         e = find_error(state.q, state.R, state.p, desired, rows)
     # Prescribed joints: the desired acceleration, with Eq. (14)'s feedback.
     qddot_p = reference_acceleration(a_d, v_d, qdot_p, q_d - q_p, gains.Kp, gains.Kv)
-    v_r = reference_velocity(desired.v, e, gains.K)
+    v_r = desired.v + gains.K * e  # (9)
     v_task = times(state.J, state.v)
     a_r = reference_acceleration(desired.a, desired.v, v_task, e, gains.Kp, gains.Kv)
     J, J_p = np.ascontiguousarray(state.J[:, :n]), state.J[:, n:]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.law.compilation import compiled
-from crar_drake.law.vectors import cross_rows, put_at
+from crar_drake.law.vectors import cross_rows
 
 KINDS = ("position", "orientation", "pose", "joint")
 
@@ -225,42 +225,18 @@ def orientation_error(R: np.ndarray, R_d: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def task_error(
-    rows: TaskRows, R: np.ndarray, p: np.ndarray, R_d: np.ndarray, p_d: np.ndarray
+def stack_rows(
+    angular: np.ndarray, linear: np.ndarray, joints: np.ndarray, rows: TaskRows
 ) -> np.ndarray:
-    """Eq. (11): the stacked error e (m,), orientation above position per task.
-
-    Those of joints are left at 0: `put_joint_rows`.
-
-    Args:
-        rows: which rows belong to which task, `TaskLayout.rows`.
-        R: (Na, 3, 3) present orientations of the tasks that have one.
-        p: (Nl, 3) present positions [m] of the tasks that have one.
-        R_d: (Na, 3, 3) desired orientations.
-        p_d: (Nl, 3) desired positions [m].
-    """
-    return stack_rows(orientation_error(R, R_d), p_d - p, rows)
-
-
-@compiled
-def stack_rows(angular: np.ndarray, linear: np.ndarray, rows: TaskRows) -> np.ndarray:
-    """(m,) in the order of the tasks, from (Na, 3) and (Nl, 3); 0 for joints."""
-    stacked = np.zeros(num_rows(rows))
-    put_at(stacked, rows.angular_rows, angular.ravel())
-    put_at(stacked, rows.linear_rows, linear.ravel())
-    return stacked
-
-
-@compiled
-def put_joint_rows(
-    stacked: np.ndarray, values: np.ndarray, rows: TaskRows
-) -> np.ndarray:
-    """(m,) with the rows of joints set to `values` (Nj,); changes its argument.
-
-    Of the error (11) a joint's row is q_d - q, of the velocities (5) q_dot.
-    """
-    for i in range(len(values)):
-        stacked[rows.joint_rows[i]] = values[i]
+    """(m,) in the order of the tasks, orientation above position, from (Na, 3), (Nl, 3)
+    and (Nj,)."""
+    stacked, angular, linear = np.empty(num_rows(rows)), angular.ravel(), linear.ravel()
+    for i in range(len(angular)):
+        stacked[rows.angular_rows[i]] = angular[i]
+    for i in range(len(linear)):
+        stacked[rows.linear_rows[i]] = linear[i]
+    for i in range(len(joints)):
+        stacked[rows.joint_rows[i]] = joints[i]
     return stacked
 
 

@@ -10,10 +10,10 @@ floor's and the margin's, are those that are left for the robot.
 import numpy as np
 
 from crar_drake.errors import ModelError, ScenarioError
-from crar_drake.law.admission import Reaches, extended, travel
+from crar_drake.law.admission import Reaches, travel
 from crar_drake.law.compilation import Held, hold
-from crar_drake.law.nearby import nearby_distances
 from crar_drake.law.parameters import LookaheadParameters
+from crar_drake.law.placed_shapes import shape_distances
 from crar_drake.robot.description import find_joint
 from crar_drake.robot.model import ControlModel
 
@@ -55,10 +55,8 @@ def distance_losses(errors: np.ndarray, reaches: Reaches) -> np.ndarray:
         errors: (nv,) of `joint_errors`.
         reaches: of all pairs.
     """
-    held = hold(reaches)
-    if len(reaches.slides):
-        held = extended(reaches.extents + errors[reaches.slides], held)
-    return travel(errors, held)
+    longer = np.tensordot(errors[reaches.slides], reaches.by, 1)
+    return travel(errors, reaches.reach + longer)
 
 
 def check_slides(errors: np.ndarray, reaches: Reaches, model: ControlModel) -> None:
@@ -77,7 +75,7 @@ def check_slides(errors: np.ndarray, reaches: Reaches, model: ControlModel) -> N
     for k, slide in enumerate(reaches.slides):
         name = model.velocity_names[model.order[slide]]
         at = list(model.position_names).index(name)
-        if not limited[at] and ((reaches.a_by[k] + reaches.b_by[k]) @ errors).any():
+        if not limited[at] and (reaches.by[k] @ errors).any():
             raise ScenarioError(
                 f"{_WHERE}: joint {name} slides without limits, and what carries it "
                 "errs: nothing bounds what that does to the shapes that it carries; "
@@ -89,17 +87,13 @@ def thickened(robot: Held, losses: np.ndarray) -> Held:
     """The robot of a `ControlModel` whose pairs of capsules and spheres are nearer.
 
     Args:
-        robot: holds a `Robot` in two configurations, with a row for each pair of
-            shapes.
+        robot: holds the `Robot`.
         losses: (Np,) by how much [m].
     """
     r = robot.value
     pairs = r.pairs.value
-    twice = np.tile(losses, 2)
-    sizes = pairs.sizes._replace(
-        radii=pairs.sizes.radii + twice, balls=pairs.sizes.balls + twice
-    )
-    return hold(r._replace(pairs=hold(pairs._replace(sizes=sizes))))
+    nearer = {"radii": pairs.radii + losses, "balls": pairs.balls + losses}
+    return hold(r._replace(pairs=hold(pairs._replace(**nearer))))
 
 
 def narrowed_limits(
@@ -142,8 +136,7 @@ def check_rest_posture(
         floor: d_0 [m].
         model: of the robot.
     """
-    everything = np.full((1, len(losses)), np.inf)
-    d = nearby_distances(model.rest_positions()[np.newaxis], everything, robot)[0]
+    d = shape_distances(model.rest_positions()[np.newaxis], robot)[0]
     short = np.flatnonzero((d >= floor) & (d - losses < floor))
     if not len(short):
         return

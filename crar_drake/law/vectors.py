@@ -55,16 +55,6 @@ def is_finite(x: np.ndarray) -> bool:
 
 
 @compiled
-def sum_columns(A: np.ndarray) -> np.ndarray:
-    """The sum of each column of A (m, n), (n,)."""
-    s = np.zeros(A.shape[1])
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            s[j] += A[i, j]
-    return s
-
-
-@compiled
 def gram(A: np.ndarray) -> np.ndarray:
     """A^T A (n, n) of A (k, n), symmetric to the last bit."""
     rows, n = A.shape
@@ -195,20 +185,26 @@ def select_rows(A: np.ndarray, some: np.ndarray) -> np.ndarray:
 
 
 @compiled
+def backward(L: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """L^-T b (n,) of b (n,), L lower triangular."""
+    x = b.copy()
+    for i in range(len(L) - 1, -1, -1):
+        x[i] /= L[i, i]
+        for k in range(i):
+            x[k] -= L[i, k] * x[i]
+    return x
+
+
+@compiled
 def cholesky_solve(L: np.ndarray, b: np.ndarray) -> np.ndarray:
     """x (n,) of L L^T x = b (n,), from the lower factor."""
-    x, n = b.copy(), len(b)
-    for i in range(n):
+    x = b.copy()
+    for i in range(len(b)):
         a, row = x[i], L[i]
         for k in range(i):
             a -= row[k] * x[k]
         x[i] = a / row[i]
-    for i in range(n - 1, -1, -1):
-        a = x[i]
-        for k in range(i + 1, n):
-            a -= L[k, i] * x[k]
-        x[i] = a / L[i, i]
-    return x
+    return backward(L, x)
 
 
 @compiled
@@ -228,29 +224,13 @@ def forward(L: np.ndarray, B: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def backward(L: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """L^-T b (n,) of b (n,), L lower triangular."""
-    x = b.copy()
-    for i in range(len(L) - 1, -1, -1):
-        x[i] /= L[i, i]
-        for k in range(i):
-            x[k] -= L[i, k] * x[i]
-    return x
-
-
-@compiled
 def cholesky_solve_matrix(L: np.ndarray, B: np.ndarray) -> np.ndarray:
     """X (n, m) of L L^T X = B (n, m), from the lower factor."""
-    X, n = B.copy(), len(B)
+    X = np.empty(B.shape)
     for c in range(B.shape[1]):
-        for i in range(n):
-            for k in range(i):
-                X[i, c] -= L[i, k] * X[k, c]
-            X[i, c] /= L[i, i]
-        for i in range(n - 1, -1, -1):
-            for k in range(i + 1, n):
-                X[i, c] -= L[k, i] * X[k, c]
-            X[i, c] /= L[i, i]
+        x = cholesky_solve(L, B[:, c].copy())
+        for i in range(len(B)):
+            X[i, c] = x[i]
     return X
 
 
@@ -263,27 +243,6 @@ def put(x: np.ndarray, at: int, values: np.ndarray) -> None:
     """
     for i in range(len(values)):
         x[at + i] = values[i]
-
-
-@compiled
-def put_at(x: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
-    """x[places] is values (k,) then, in place; x (n,), places (k,). As `put`."""
-    for i in range(len(places)):
-        x[places[i]] = values[i]
-
-
-@compiled
-def transposed(A: np.ndarray) -> np.ndarray:
-    """A_k^T (K, n, m) of A (K, m, n).
-
-    Of an order of axes Numba makes many functions.
-    """
-    B = np.empty((len(A), A.shape[2], A.shape[1]))
-    for k in range(len(A)):
-        for i in range(A.shape[1]):
-            for j in range(A.shape[2]):
-                B[k, j, i] = A[k, i, j]
-    return B
 
 
 @compiled
@@ -316,23 +275,6 @@ def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
             for j in range(B.shape[1]):
                 C[i, j] += a * B[k, j]
     return C
-
-
-@compiled
-def smallest(x: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """Of each row of members (N, k), places in x, the first of the smallest: (N,).
-
-    A NaN counts as smaller than any number, so that it is not lost.
-    """
-    keep = np.empty(len(members), dtype=np.int64)
-    for i in range(len(members)):
-        keep[i] = members[i, 0]
-        for j in range(1, members.shape[1]):
-            # The first NaN is taken, as by NumPy.
-            best, other = x[keep[i]], x[members[i, j]]
-            if other < best or (np.isnan(other) and not np.isnan(best)):
-                keep[i] = members[i, j]
-    return keep
 
 
 @compiled

@@ -264,9 +264,7 @@ class KeptPoses:
         self._linear_rows, self._angular_rows = rows.linear_rows, rows.angular_rows
 
     def _find(self, y):
-        return find_poses(
-            configurations(self._model, self._rest, y), self._model.robot_by_pair
-        )
+        return find_poses(configurations(self._model, self._rest, y), self._model.robot)
 
     def at(self, frames: np.ndarray, y: np.ndarray) -> AtFrames:
         """See `optimiser.Tasks`."""

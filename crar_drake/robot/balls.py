@@ -37,8 +37,7 @@ def find_balls(model: ControlModel, losses: np.ndarray | None = None) -> Balls:
     placed, radius, reach, unbounded = [], [], [], []
     for body, axes in zip(pairs.bodies, pairs.axes, strict=True):
         ends, centre, size = ball_about(axes)
-        frame, X_FB = joints.place(body)
-        placed.append((frame, np.append(X_FB.multiply(centre), 1.0)))
+        placed.append(joints.point(body, centre))
         radius.append(size)
         found, by_slide = chain_reaches(joints, order, body, [centre, *ends])
         reach.append(found)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from pydrake.geometry import (
@@ -17,7 +18,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
 from crar_drake.errors import ModelError
-from crar_drake.law.capsule_distances import ShapePairs, capsule_sizes
+from crar_drake.law.capsule_distances import ShapePairs, WatchedRows
 from crar_drake.law.compilation import hold
 from crar_drake.robot.description import GROUND
 from crar_drake.robot.hulls import (
@@ -53,10 +54,9 @@ class CapsuleAxis:
 
     @property
     def extent(self) -> float:
-        """Of a hull, from its middle to its farthest corner [m]; else 0."""
-        if self.hull is None:
-            return 0.0
-        return float(np.linalg.norm(self.hull.corners - self.p_B0, axis=1).max())
+        """From its middle to its farthest end or corner [m]."""
+        middle = 0.5 * (self.p_B0 + self.p_B1)
+        return float(np.linalg.norm(self.ends - middle, axis=1).max())
 
 
 class WatchedPairs:
@@ -105,88 +105,48 @@ class WatchedPairs:
         for a, b in pairs:
             if a.index() == b.index():
                 raise ModelError(f"link {a.name()!r} is watched against itself")
-        self.bodies: list[RigidBody] = []
-        self.axes: list[list[CapsuleAxis]] = []
-        index_of: dict[int, int] = {}
-        shapes: list[list[tuple[GeometryId, int]]] = []
-        flat: list[bool] = []  # whether a body carries a half space
-        world = int(plant.world_body().index())
-        for body in (body for pair in pairs for body in pair):
-            if int(body.index()) in index_of:
-                continue
-            index_of[int(body.index())] = len(self.bodies)
-            self.bodies.append(body)
-            ids = plant.GetCollisionGeometriesForBody(body)
-            if not ids:
-                raise ModelError(
-                    f"link {body.name()!r} is in a watched pair but has no collision "
-                    "geometry"
-                )
-            axes: list[CapsuleAxis] = []
-            entries: list[tuple[GeometryId, int]] = []
-            for geometry in ids:
-                shape = inspector.GetShape(geometry)
-                X_BG = inspector.GetPoseInFrame(geometry).GetAsMatrix34()
-                try:
-                    axis = shape_axis(shape, X_BG)
-                except ModelError as error:
-                    raise ModelError(
-                        f"link {body.name()!r}: collision geometry "
-                        f"{inspector.GetName(geometry)!r}: {error}"
-                    ) from error
-                entries.append((geometry, len(axes)))
-                axes.append(axis)
-            self.axes.append(axes)
-            shapes.append(entries)
-            flat.append(any(axis.flat for axis in axes))
-            if flat[-1] and int(body.index()) != world:
+        bodies = {int(body.index()): body for pair in pairs for body in pair}
+        self.bodies: list[RigidBody] = list(bodies.values())
+        shapes = [_shapes_of(body, plant) for body in self.bodies]
+        self.axes = [
+            [_axis_of(body, geometry, inspector) for geometry in of]
+            for body, of in zip(self.bodies, shapes, strict=True)
+        ]
+        flat = [any(axis.flat for axis in axes) for axes in self.axes]
+        for body, is_flat in zip(self.bodies, flat, strict=True):
+            if is_flat and body.index() != plant.world_body().index():
                 raise ModelError(
                     f"link {body.name()!r} carries a half space: register it on "
                     "plant.world_body() (on a link, welded or not, it makes Drake's "
                     "collision engine crash now and then), or give the link a box"
                 )
-
-        self.body_a = np.array([index_of[int(a.index())] for a, _ in pairs], dtype=int)
-        self.body_b = np.array([index_of[int(b.index())] for _, b in pairs], dtype=int)
-        ground = {
-            int(body.index()): GROUND
-            for body, is_flat in zip(self.bodies, flat, strict=True)
-            if is_flat
-        }
+        places = {index: place for place, index in enumerate(bodies)}
+        of = [tuple(places[int(body.index())] for body in pair) for pair in pairs]
         self.names = tuple(
-            tuple(ground.get(int(body.index()), body.name()) for body in pair)
-            for pair in pairs
+            tuple(GROUND if flat[i] else self.bodies[i].name() for i in pair)
+            for pair in of
         )
-        for k, (a, b) in enumerate(zip(self.body_a, self.body_b, strict=True)):
-            if flat[a]:
-                self.body_a[k], self.body_b[k] = b, a
-        stand = {
-            a: self._stand(inspector, a, [geometry for geometry, _ in shapes[a]])
-            for a, b in zip(self.body_a.tolist(), self.body_b.tolist(), strict=True)
-            if flat[b]
-        }
+        of = [(b, a) if flat[a] else (a, b) for a, b in of]
+        self.body_a = np.array([a for a, _ in of], dtype=int)
+        self.body_b = np.array([b for _, b in of], dtype=int)
+        standing = {a: self._stand(inspector, a, shapes[a]) for a, b in of if flat[b]}
 
         # Shape pairs, those of one segment pair side by side.
-        first_axis = np.cumsum([0] + [len(axes) for axes in self.axes])
+        first_axis = np.cumsum([0, *map(len, self.axes)])
         axis_a, axis_b, members = [], [], []
         # Of each row its two shapes; or the one that stands on a half space, that, and
         # by which of its points.
         self._shapes: list[tuple[GeometryId, GeometryId, int | None]] = []
-        row = 0
-        for a, b in zip(self.body_a.tolist(), self.body_b.tolist(), strict=True):
-            start = row
-            for geometry_a, local_a in shapes[a]:
-                for geometry_b, local_b in shapes[b]:
-                    locals_a, stands = [local_a], False
-                    if self.axes[b][local_b].flat:
-                        locals_a, stands = stand[a][geometry_a], True
-                    for i, local in enumerate(locals_a):
-                        point = i if stands else None
-                        self._shapes.append((geometry_a, geometry_b, point))
-                        axis_a.append(first_axis[a] + local)
-                        axis_b.append(first_axis[b] + local_b)
-                        row += 1
-            members.append(list(range(start, row)))
+        for a, b in of:
+            start = len(self._shapes)
+            for i, j in product(range(len(shapes[a])), range(len(shapes[b]))):
+                on_ground = self.axes[b][j].flat
+                for point, axis in enumerate(standing[a][i] if on_ground else [i]):
+                    of_both = shapes[a][i], shapes[b][j]
+                    self._shapes.append((*of_both, point if on_ground else None))
+                    axis_a.append(first_axis[a] + axis)
+                    axis_b.append(first_axis[b] + j)
+            members.append(list(range(start, len(self._shapes))))
         self.shape_axes = np.array(axis_a, dtype=int), np.array(axis_b, dtype=int)
         # Rectangular: a pair with fewer shape pairs repeats its first one.
         most = max(map(len, members), default=1)
@@ -199,13 +159,13 @@ class WatchedPairs:
 
     def _stand(
         self, inspector: SceneGraphInspector, body: int, geometries: list[GeometryId]
-    ) -> dict[GeometryId, list[int]]:
+    ) -> list[list[int]]:
         """Adds the points by which a body's shapes stand on the ground to its axes.
 
         Returns:
             Of each shape, which these are.
         """
-        found = {}
+        found = []
         for geometry in geometries:
             points = standing_points(inspector.GetShape(geometry))
             if points is None:
@@ -214,7 +174,7 @@ class WatchedPairs:
                     "space, on which it does not stand; give it another shape"
                 )
             axes = self.axes[body]
-            found[geometry] = list(range(len(axes), len(axes) + len(points)))
+            found.append(list(range(len(axes), len(axes) + len(points))))
             X_BG = inspector.GetPoseInFrame(geometry)
             for p_G, radius in points:
                 p_B = X_BG.multiply(p_G)
@@ -225,64 +185,44 @@ class WatchedPairs:
         return len(self.names)
 
     def for_equations(
-        self, num_points: int, first: int, moves: np.ndarray
-    ) -> tuple[ShapePairs, ShapePairs]:
+        self, first: int, moves: np.ndarray
+    ) -> tuple[ShapePairs, WatchedRows]:
         """The pairs for `law.capsule_distances`.
 
         Args:
-            num_points: of one configuration, all of them.
-            first: of these the first axis' start; all axes' starts stand there, those
-                of `axes[0]` first, then the vectors from there to their ends, and then
-                the corners of hulls.
+            first: of all points the first axis' start; all axes' starts stand there,
+                those of `axes[0]` first, then the vectors from there to their ends, and
+                then the corners of hulls.
             moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone.
-
-        Returns:
-            A row for each watched pair, of its nearest shapes, by what SceneGraph
-            answers of all; and in two configurations a row for each shape pair.
         """
         every = [axis for axes in self.axes for axis in axes]
         radii = np.array([axis.radius for axis in every])
-        lengths = np.array([np.linalg.norm(axis.p_B1 - axis.p_B0) for axis in every])
+        sizes = np.array([axis.extent + axis.radius for axis in every])
         flat = np.array([axis.flat for axis in every], dtype=bool)
         exact = np.array([not axis.round for axis in every], dtype=bool)
-        a, b = self.shape_axes
-        sizes = capsule_sizes(lengths[a], radii[a], lengths[b], radii[b], flat[b])
-        start, vector = first, first + len(every)
         hulls, after, of_axis = [], [], np.full(len(every), -1)
-        corner = vector + len(every)
+        corner = first + 2 * len(every)
         for i, axis in enumerate(every):
             if axis.hull is not None:
                 of_axis[i] = len(hulls)
                 hulls.append(axis.hull)
-                after.append(corner - (start + i))
+                after.append(corner - (first + i))
                 corner += len(axis.hull.corners)
-        extents = np.array([axis.extent for axis in every])
-        sizes = sizes._replace(balls=sizes.balls + extents[a] + extents[b])
-
-        def twice(places: np.ndarray) -> np.ndarray:
-            return np.concatenate([places, places + num_points])
-
-        of_paths = ShapePairs(
-            start_a=twice(start + a),
-            start_b=twice(start + b),
-            vector_a=twice(vector + a),
-            vector_b=twice(vector + b),
-            sizes=type(sizes)(*(np.tile(x, 2) for x in sizes)),
-            shapes=np.arange(2 * len(a)),
-            order=np.arange(0),
-            members=np.arange(2 * len(a))[:, np.newaxis],
-            moves=np.ascontiguousarray(moves[self.pair_of_shapes]),
-            hull_a=np.tile(of_axis[a], 2),
-            hull_b=np.tile(of_axis[b], 2),
+        a, b = self.shape_axes
+        moves = np.ascontiguousarray(moves)
+        pairs = ShapePairs(
+            start_a=first + a,
+            start_b=first + b,
+            to_vector=len(every),
+            radii=radii[a] + radii[b],
+            balls=sizes[a] + sizes[b],
+            flat=flat[b],
+            moves=moves[self.pair_of_shapes],
+            hull_a=of_axis[a],
+            hull_b=of_axis[b],
             hulls=hold(numbers_of_hulls(hulls, after)),
         )
-        of_queries = of_paths._replace(
-            shapes=np.arange(len(a)),
-            order=np.where(exact[a] & exact[b], np.arange(len(a)), -1),
-            members=self.shape_pairs,
-            moves=np.ascontiguousarray(moves),
-        )
-        return of_queries, of_paths
+        return pairs, WatchedRows(self.shape_pairs, exact[a] & exact[b], moves)
 
     def ask(self, query: QueryObject) -> np.ndarray:
         """SceneGraph's answers for all shape pairs.
@@ -350,6 +290,30 @@ class WatchedPairs:
                 normals[k], lengths[k] = (0.0, 0.0, 1.0), 1.0
         answers[asked, 1:4] = normals / lengths[:, None]
         return answers
+
+
+def _shapes_of(body: RigidBody, plant: MultibodyPlant) -> list[GeometryId]:
+    """The collision shapes of a link; ModelError if it has none."""
+    found = plant.GetCollisionGeometriesForBody(body)
+    if not found:
+        raise ModelError(
+            f"link {body.name()!r} is in a watched pair but has no collision geometry"
+        )
+    return found
+
+
+def _axis_of(
+    body: RigidBody, geometry: GeometryId, inspector: SceneGraphInspector
+) -> CapsuleAxis:
+    """`shape_axis` of a link's shape; its error names both."""
+    X_BG = inspector.GetPoseInFrame(geometry).GetAsMatrix34()
+    try:
+        return shape_axis(inspector.GetShape(geometry), X_BG)
+    except ModelError as error:
+        raise ModelError(
+            f"link {body.name()!r}: collision geometry "
+            f"{inspector.GetName(geometry)!r}: {error}"
+        ) from error
 
 
 def _height(

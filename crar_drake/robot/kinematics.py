@@ -80,6 +80,27 @@ class JointTree:
         np.fill_diagonal(above, 0.0)
         return above
 
+    def point(self, body: RigidBody, p_B: np.ndarray) -> tuple[int, np.ndarray]:
+        """A point of a body, for `select`."""
+        frame, X_FB = self.place(body)
+        return frame, np.append(X_FB.multiply(p_B), 1.0)
+
+    def vector(self, body: RigidBody, u_B: np.ndarray) -> tuple[int, np.ndarray]:
+        """A vector that is fixed in a body, for `select`."""
+        frame, X_FB = self.place(body)
+        return frame, np.append(X_FB.rotation() @ u_B, 0.0)
+
+    def axes(self, order: np.ndarray) -> list[tuple[int, np.ndarray]]:
+        """The joints' axes by `order`, for `select`: as `joint_motion` takes them."""
+        frames = self.frame_of_velocity[order]
+        axes = [(frame, np.array([0.0, 0.0, 0.0, 1.0])) for frame in frames]
+        for of in (self.turns[order], self.slides[order]):
+            axes += [
+                (frame, np.append(vector, 0.0))
+                for frame, vector in zip(frames, of, strict=True)
+            ]
+        return axes
+
     def select(
         self, placed: Sequence[tuple[int, np.ndarray]]
     ) -> tuple[np.ndarray, np.ndarray]:

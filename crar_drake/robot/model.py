@@ -18,13 +18,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from crar_drake.errors import ModelError
 from crar_drake.law.compilation import Held
-from crar_drake.law.kinematics import (
-    Measured,
-    State,
-    evaluate_state,
-    measured_distances,
-)
-from crar_drake.law.nearby import some_shapes
+from crar_drake.law.kinematics import evaluate_state, find_state
 from crar_drake.law.tasks import task_weights
 from crar_drake.robot.actuators import Actuators
 from crar_drake.robot.collision_pairs import WatchedPairs
@@ -46,9 +40,7 @@ from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot.points import numbers_of_robot
 from crar_drake.robot.task import Task
 from crar_drake.robot.task_targets import find_targets
-from crar_drake.robot.workspace import Distances, ModelState, Workspace
-
-_NOTHING_ASKED = np.zeros((0, 7))
+from crar_drake.robot.workspace import ModelState, Workspace
 
 
 class ControlModel:
@@ -70,12 +62,7 @@ class ControlModel:
             world's, which no row uses.
         joints: the plant's frames and what moves them.
         pairs: the watched pairs.
-        pair_moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone,
-            in the order of `order`.
-        robot_by_pair, robot_ahead: for `law.kinematics`: at one configuration, a
-            row for each pair, as SceneGraph measures it; and at two, a row for each
-            pair of shapes in closed form, for paths.
-        robot_of_tasks: the same without pairs.
+        robot: holds the `law.kinematics.Robot`.
         n, n_p, m: numbers of controlled joints, prescribed joints and task rows; the
             six velocities of a root that floats are among the prescribed.
         controlled, prescribed: (n,), (n_p,) their indices in v, of a root that floats
@@ -134,7 +121,7 @@ class ControlModel:
             scene_graph.model_inspector(),
             [(find_body(plant, a), find_body(plant, b)) for a, b in description.pairs],
         )
-        self.pair_moves, self.robot_by_pair, self.robot_ahead = numbers_of_robot(
+        self.robot = numbers_of_robot(
             self.joints,
             self.pairs,
             self.layout,
@@ -143,8 +130,6 @@ class ControlModel:
             self.positions,
             self.n,
         )
-        none = np.zeros(0, dtype=np.int64)
-        self.robot_of_tasks = some_shapes(self.robot_ahead, none)
         self._check_distances()
 
     @staticmethod
@@ -220,31 +205,13 @@ class ControlModel:
             q: (nq,) positions of the whole plant.
             v: (nv,) velocities of the whole plant.
         """
-        # What may not be written to is compiled for anew.
-        measured = self.measure(workspace, *(np.array(x, dtype=float) for x in (q, v)))
-        return ModelState.of(evaluate_state(measured, self.robot_by_pair), self.n)
-
-    def measure(
-        self,
-        workspace: Workspace,
-        q: np.ndarray,
-        v: np.ndarray,
-    ) -> Measured:
-        """A state, as `law.kinematics` takes it.
-
-        Args:
-            workspace: of this model; left at the state.
-            q, v: (nq,), (nv,) the state.
-        """
         self.plant.SetPositionsAndVelocities(
             workspace.plant_context, np.concatenate((q, v))
         )
-        return Measured(q[np.newaxis], v, self.asked_here(workspace))
-
-    def task_state(self, q: np.ndarray, v: np.ndarray) -> State:
-        """The numbers of a state (nq,), (nv,), without any pair."""
-        measured = Measured(q[np.newaxis], v, _NOTHING_ASKED)
-        return evaluate_state(measured, self.robot_of_tasks)
+        # What may not be written to is compiled for anew.
+        q, v = (np.array(x, dtype=float) for x in (q, v))
+        state = evaluate_state(q, v, self.asked_here(workspace), self.robot)
+        return ModelState.of(*state, self.n)
 
     def signed_distances(self, q: np.ndarray) -> np.ndarray:
         """(Nc,) signed distance of each watched pair, as SceneGraph measures it [m].
@@ -256,8 +223,7 @@ class ControlModel:
         self.plant.SetPositions(workspace.plant_context, q)
         port = self.scene_graph.get_query_output_port()
         asked = self.pairs.ask_distances(port.Eval(workspace.scene_graph_context))
-        measured = Measured(q[np.newaxis], self._still, asked)
-        return measured_distances(measured, self.robot_by_pair)
+        return evaluate_state(q, self._still, asked, self.robot)[1]
 
     @cached_property
     def dynamics(self) -> Held:
@@ -279,20 +245,9 @@ class ControlModel:
         return self.MakeWorkspace()
 
     def asked_here(self, workspace: Workspace) -> np.ndarray:
-        """What SceneGraph answers at the workspace's state, as `Measured.asked`."""
+        """What SceneGraph answers at the workspace's state, see `WatchedPairs.ask`."""
         port = self.scene_graph.get_query_output_port()
         return self.pairs.ask(port.Eval(workspace.scene_graph_context))
-
-    def evaluate_distances(self, q: np.ndarray) -> Distances:
-        """Eq. (20) at a configuration.
-
-        Args:
-            q: (nq,) positions of the whole plant.
-        """
-        measured = self.measure(self._own_workspace, np.array(q), self._still)
-        state = evaluate_state(measured, self.robot_by_pair)
-        d, dd_dv = state.d[0], state.dd_dv[0]
-        return Distances(d, dd_dv[:, : self.n], dd_dv[:, self.n :])
 
     def inverse_dynamics(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
         """Eqs. (2), (29): tau = H alpha + C qdot + tau_g, (nu,) [Nm or N].
@@ -329,13 +284,6 @@ class ControlModel:
             q: (nq,) positions of the whole plant.
         """
         return np.concatenate((q[self.prescribed_positions], np.zeros(2 * self.n_p)))
-
-    def join(self, controlled: np.ndarray, prescribed: np.ndarray) -> np.ndarray:
-        """(nv,) of all joints, from (n,) controlled and (n_p,) prescribed ones."""
-        joined = np.empty(self.n + self.n_p)
-        joined[self.controlled] = controlled
-        joined[self.prescribed] = prescribed
-        return joined
 
     def inertia_matrix(self, workspace: Workspace) -> np.ndarray:
         """H of Eqs. (1), (2) for the controlled joints, at the workspace's state.
@@ -382,7 +330,7 @@ class ControlModel:
         Returns:
             (layout.size,) [x_d; v_d; a_d], see `TaskLayout`, with v_d = a_d = 0.
         """
-        state = self.task_state(np.array(q, dtype=float), self._still)
+        state = find_state(np.array(q, dtype=float), self._still, self.robot.value)
         return self.layout.pack(state.R, state.p, q=state.q[self.layout.rows.joints])
 
     def _set_joints(self) -> None:

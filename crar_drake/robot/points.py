@@ -20,7 +20,7 @@ def numbers_of_robot(
     order: np.ndarray,
     positions: np.ndarray,
     n: int,
-) -> tuple[np.ndarray, Held, Held]:
+) -> Held:
     """Collects every point whose position a step needs, and what moves it.
 
     Args:
@@ -28,39 +28,26 @@ def numbers_of_robot(
             `ControlModel`.
 
     Returns:
-        `pair_moves`, `robot_by_pair` and `robot_ahead` of the model.
+        Holds the `Robot`.
     """
-
-    def coordinates(body: RigidBody, x_B: np.ndarray, one: float):
-        """Of a point (one 1) or vector (one 0) on a body: its frame, and there."""
-        frame, X_FB = joints.place(body)
-        x_F = X_FB.rotation() @ x_B + one * X_FB.translation()
-        return frame, np.append(x_F, one)
-
-    frames = joints.frame_of_velocity[order]
-    placed = [(frame, np.array([0.0, 0.0, 0.0, 1.0])) for frame in frames]
-    for vectors in (joints.turns, joints.slides):
-        placed += [
-            (frame, np.append(vector, 0.0))
-            for frame, vector in zip(frames, vectors[order], strict=True)
-        ]
+    placed = joints.axes(order)
     tasks = [frame.body() for frame, _ in task_targets]
-    for frame, p_FT in task_targets:
+    for body, (frame, p_FT) in zip(tasks, task_targets, strict=True):
         p_B = frame.GetFixedPoseInBodyFrame().multiply(p_FT)
-        placed.append(coordinates(frame.body(), p_B, 1.0))
-    for frame, _ in (task_targets[i] for i in layout.angular_tasks):
-        R = frame.GetFixedRotationMatrixInBodyFrame().matrix()
-        placed += [coordinates(frame.body(), column, 0.0) for column in R.T]
+        placed.append(joints.point(body, p_B))
+    for i in layout.angular_tasks:
+        R = task_targets[i][0].GetFixedRotationMatrixInBodyFrame().matrix()
+        placed += [joints.vector(tasks[i], column) for column in R.T]
     first_axis = len(placed)
     axes = [
         (body, axis)
         for body, axes in zip(pairs.bodies, pairs.axes, strict=True)
         for axis in axes
     ]
-    placed += [coordinates(body, axis.p_B0, 1.0) for body, axis in axes]
-    placed += [coordinates(body, axis.p_B1 - axis.p_B0, 0.0) for body, axis in axes]
+    placed += [joints.point(body, axis.p_B0) for body, axis in axes]
+    placed += [joints.vector(body, axis.p_B1 - axis.p_B0) for body, axis in axes]
     placed += [
-        coordinates(body, corner, 1.0)
+        joints.point(body, corner)
         for body, axis in axes
         if axis.hull is not None
         for corner in axis.hull.corners
@@ -75,38 +62,24 @@ def numbers_of_robot(
         return joints.moved_by[links][:, order].astype(float, order="C")
 
     of_rows = task_of_rows(layout)
-    carries = moved(tasks)
+    carries, of_joints = moved(tasks), np.zeros((layout.m, len(order)))
+    of_joints[layout.joint_rows, layout.rows.joints] = 1.0
     tree, rows = hold(joints.tree), hold(layout.rows)
     task_points = TaskPoints(
         fixed=task_wrenches(layout),
         of_rows=of_rows,
         carried=carries[of_rows],
         carries=carries,
-        above=joints.moved_by[frames][:, order].astype(float, order="C"),
-        of_joints=_joint_rows(layout, len(order)),
+        above=joints.above(order),
+        of_joints=of_joints,
     )
-    task_points = hold(task_points)
     carried = moved(pairs.bodies)
     moves = carried[pairs.body_a] - carried[pairs.body_b]
-    pair_moves = np.ascontiguousarray(moves)
     selection, first = joints.select(placed)
-
-    robots = [
-        hold(
-            Robot(
-                *(order, positions, n, selection, first, tree, task_points, rows),
-                hold(of),
-            )
+    held = map(hold, pairs.for_equations(first_axis, moves))
+    return hold(
+        Robot(
+            *(order, positions, n, selection, first, tree, hold(task_points), rows),
+            *held,
         )
-        for of in pairs.for_equations(len(placed), first_axis, pair_moves)
-    ]
-    return pair_moves, *robots
-
-
-def _joint_rows(layout: TaskLayout, nv: int) -> np.ndarray:
-    """(m, nv) 1 where a row is a joint, in the order of `order`; (0, 0) if none."""
-    if not len(layout.joint_rows):
-        return np.zeros((0, 0))
-    rows = np.zeros((layout.m, nv))
-    rows[layout.joint_rows, layout.rows.joints] = 1.0
-    return rows
+    )

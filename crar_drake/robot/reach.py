@@ -32,47 +32,34 @@ def find_reaches(
         order: (nv,) of the joints, as in `law.kinematics.Robot`.
         lower, upper: (nq,) limits of all joints, in the plant's order.
     """
-    tree = joints.tree
     per_slide = lengths_of_slides(joints)
-    extents = np.maximum(np.abs(lower), np.abs(upper))[tree.position]
+    extents = np.maximum(np.abs(lower), np.abs(upper))[joints.tree.position]
     extents[~np.isfinite(extents)] = 0.0
-    places = np.argsort(order)  # of velocities in `order`
     sliding = np.flatnonzero(per_slide > 0.0)
-    found, body_of = [], []
+    bodies, reaches, slides = [], [], []
     for body, axes in zip(pairs.bodies, pairs.axes, strict=True):
         for axis in axes:
-            found.append(chain_reaches(joints, order, body, axis.ends))
-            body_of.append(joints.place(body)[0])
-    at_zero = np.array([reach for reach, _ in found]).reshape(-1, len(order))
-    by_slide = np.array([by for _, by in found]).reshape(-1, len(per_slide), len(order))
-    by_slide = by_slide[:, sliding]
-    frames = np.array(body_of, dtype=int)
+            bodies.append(joints.place(body)[0])
+            reach, by_slide = chain_reaches(joints, order, body, axis.ends)
+            reaches.append(reach)
+            slides.append(by_slide[sliding])
+    moved = joints.moved_by[np.array(bodies, dtype=int)][:, order]
+    reaches = np.array(reaches).reshape(-1, len(order))
+    slides = np.array(slides).reshape(len(bodies), len(sliding), len(order))
     a, b = pairs.shape_axes
-    moved = joints.moved_by[frames][:, order].reshape(-1, len(order))
-    a_alone, b_alone = moved[a] & ~moved[b], moved[b] & ~moved[a]
-
-    def between(shapes: np.ndarray, alone: np.ndarray) -> np.ndarray:
-        return np.where(alone, by_slide[shapes].transpose(1, 0, 2), 0.0)
-
-    a_by, b_by = between(a, a_alone), between(b, b_alone)
-    some = [k for k in range(len(sliding)) if a_by[k].any() or b_by[k].any()]
-    a_by, b_by, longer = a_by[some], b_by[some], sliding[some]
-    reach_a = np.where(a_alone, at_zero[a], 0.0)
-    reach_b = np.where(b_alone, at_zero[b], 0.0)
-    reach_a += np.tensordot(extents[longer], a_by, 1)
-    reach_b += np.tensordot(extents[longer], b_by, 1)
+    both = moved[a] & moved[b]
+    # A joint that moves one shape alone has no reach for the other.
+    reach = np.where(both, 0.0, reaches[a] + reaches[b])
+    by = np.where(both, 0.0, (slides[a] + slides[b]).transpose(1, 0, 2))
+    some = by.any(axis=(1, 2))
+    sliding, by = sliding[some], np.ascontiguousarray(by[some])
+    places = np.argsort(order)  # of velocities in `order`
     return Reaches(
-        a_alone.astype(float),
-        b_alone.astype(float),
-        reach_a,
-        reach_b,
-        np.ascontiguousarray((reach_a + reach_b).T),
+        reach + np.tensordot(extents[sliding], by, 1),
         joints.above(order),
-        np.arange(len(reach_a)),
-        np.array([places[joints.velocities[k][0]] for k in longer], dtype=np.int64),
-        extents[longer],
-        np.ascontiguousarray(a_by),
-        np.ascontiguousarray(b_by),
+        np.array([places[joints.velocities[k][0]] for k in sliding], dtype=np.int64),
+        extents[sliding],
+        by,
     )
 
 

@@ -85,31 +85,6 @@ def joint_tasks(joints: list[str], weight: float = 1.0) -> list[Task]:
     return [Task(kind="joint", joint=name, position_weight=weight) for name in joints]
 
 
-def pose_tasks(
-    frames: list[str], orientation_weight: float, position_weight: float = 1.0
-) -> list[Task]:
-    """One pose task per frame.
-
-    Args:
-        frames: as of `position_tasks`.
-        orientation_weight: of each [m/rad].
-        position_weight: of each [1].
-
-    Raises:
-        ModelError: as of `position_tasks`.
-    """
-    _check_list(frames)
-    return [
-        Task(
-            frame=frame,
-            kind="pose",
-            position_weight=position_weight,
-            orientation_weight=orientation_weight,
-        )
-        for frame in frames
-    ]
-
-
 def _check_list(names: list[str]) -> None:
     # Each letter would be a name.
     if isinstance(names, str):

@@ -79,8 +79,8 @@ def watched_links(
     lost = longest @ errors
     selection, first = joints.select([*centres, *starts, *vectors])
     numbers = Links(
-        np.concatenate((model.robot_by_pair.value.selection[: 3 * nv], selection)),
-        np.concatenate((model.robot_by_pair.value.first[: 3 * nv], first)),
+        np.concatenate((model.robot.value.selection[: 3 * nv], selection)),
+        np.concatenate((model.robot.value.first[: 3 * nv], first)),
         np.array(radius, dtype=float) + lost,
         np.array(counts, dtype=np.int64),
         np.array(radii, dtype=float) + np.repeat(lost, np.diff(counts)),

@@ -35,33 +35,23 @@ class ModelState:
     dd_dq_p: np.ndarray  # (Nc, n_p) Eq. (20), prescribed joints.
 
     @staticmethod
-    def of(state: State, n: int) -> ModelState:
-        """The equations' state, with the n controlled joints apart."""
-        q, v, R, p, J, Jdot_qdot, d, dd_dv = state
+    def of(state: State, d: np.ndarray, dd_dv: np.ndarray, n: int) -> ModelState:
+        """The equations' numbers, with the n controlled joints apart."""
         return ModelState(
-            q=q[:n],
-            qdot=v[:n],
-            q_p=q[n:],
-            qdot_p=v[n:],
-            R=R,
-            p=p,
-            v=J @ v,
-            J=J[:, :n],
-            J_p=J[:, n:],
-            Jdot_qdot=Jdot_qdot,
-            d=d[0],
-            dd_dq=dd_dv[0][:, :n],
-            dd_dq_p=dd_dv[0][:, n:],
+            q=state.q[:n],
+            qdot=state.v[:n],
+            q_p=state.q[n:],
+            qdot_p=state.v[n:],
+            R=state.R,
+            p=state.p,
+            v=state.J @ state.v,
+            J=state.J[:, :n],
+            J_p=state.J[:, n:],
+            Jdot_qdot=state.Jdot_qdot,
+            d=d,
+            dd_dq=dd_dv[:, :n],
+            dd_dq_p=dd_dv[:, n:],
         )
-
-
-@dataclass(slots=True)
-class Distances:
-    """Signed distances of the watched pairs at one configuration."""
-
-    d: np.ndarray  # (Nc,) [m]
-    dd_dq: np.ndarray  # (Nc, n) Eq. (20), controlled joints.
-    dd_dq_p: np.ndarray  # (Nc, n_p) Eq. (20), prescribed joints.
 
 
 class Workspace:

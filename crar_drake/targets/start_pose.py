@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from crar_drake.law.composite_weight import composite_index
-from crar_drake.law.joint_limits import limit_potential
+from crar_drake.law.constraint_weights import composite_index, limit_potential
 from crar_drake.law.paper import Gains, start_step
 from crar_drake.law.references import error_from_targets
 from crar_drake.robot.model import ControlModel

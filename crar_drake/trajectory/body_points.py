@@ -215,7 +215,7 @@ class Placed:
             p_0, R_0: (K, 3) [m], (K, 3, 3) where the root is given.
             y: (K, 6 + n) the unknowns.
         """
-        self._robot, self._n = model.robot_by_pair, y.shape[1] - ROOT
+        self._robot, self._n = model.robot, y.shape[1] - ROOT
         turn = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
         self.root_rotations, self.root_positions = turn @ R_0, p_0 + y[:, :3]
         self.R, self.from_root, self._S = place_links(

@@ -6,16 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.law.capsule_distances import nearest_points
+from crar_drake.law.capsule_distances import (
+    distance_gradient_about_origin,
+    nearest_points,
+)
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.kinematics import (
-    Measured,
     find_state,
     joint_motion,
     link_poses,
     place_points,
 )
-from crar_drake.law.nearby import near_balls
+from crar_drake.law.path_balls import near_balls
+from crar_drake.law.vectors import put, select_rows
 from crar_drake.robot.model import ControlModel
 
 _ROOM = 4096  # rows, to begin with
@@ -62,26 +65,27 @@ def find_near_rows(
         enough: (S,) pairs that are as far apart are left out [m].
         room: (Nr,) and those that are so much farther apart than that.
         before: number of unknowns before the joints.
-        robot: holds a `Robot` with a row for each pair of shapes that are examined.
+        robot: holds the `Robot`.
     """
     r = robot.value
     pairs, tree, n = r.pairs.value, r.tree.value, r.n
     nv, count = len(r.order), len(pairs.moves)
-    shapes = pairs.shapes[:count]
     # int32, for what is read of all pairs at each sample to be little.
     starts = np.empty((2, count), np.int32)
-    starts[0], starts[1] = pairs.start_a[shapes], pairs.start_b[shapes]
-    to_vector = pairs.vector_a[0] - pairs.start_a[0] if count else 0
-    balls = pairs.sizes.balls[shapes] + room
+    starts[0], starts[1] = pairs.start_a, pairs.start_b
+    balls = pairs.balls + room
     samples, rows = np.empty(_ROOM, np.int64), np.empty(_ROOM, np.int64)
     d, g = np.empty(_ROOM), np.empty((_ROOM, before + n))
     used = 0
     for k in range(len(q)):
         X = link_poses(q[k : k + 1], tree, tree.every)
         points = place_points(X, r.selection, r.first)
-        maybe = near_balls(points[0], starts, to_vector, balls, enough[k])
-        found, normal, p, _ = nearest_points(points[0], pairs, shapes[maybe])
+        maybe = near_balls(points[0], starts, pairs.to_vector, balls, enough[k])
+        found, normal, p, _ = nearest_points(points[0], pairs, maybe)
         S = joint_motion(points[:, : 3 * nv])[0]
+        of = distance_gradient_about_origin(
+            *(normal, p, S, select_rows(pairs.moves, maybe))
+        )
         for i in range(len(maybe)):
             row = maybe[i]
             if found[i] >= enough[k] + room[row]:
@@ -92,16 +96,8 @@ def find_near_rows(
                 d = np.concatenate((d, np.empty_like(d)))
                 g = np.concatenate((g, np.empty_like(g)))
             samples[used], rows[used], d[used] = k, row, found[i]
-            # As of `distance_gradient_about_origin`, of joints that move one alone.
-            x, y, z = normal[i, 0], normal[i, 1], normal[i, 2]
-            a = p[i, 1] * z - p[i, 2] * y
-            b = p[i, 2] * x - p[i, 0] * z
-            c = p[i, 0] * y - p[i, 1] * x
             g[used, :before] = 0.0
-            for j in range(n):
-                turn = a * S[0, j] + b * S[1, j] + c * S[2, j]
-                slide = x * S[3, j] + y * S[4, j] + z * S[5, j]
-                g[used, before + j] = pairs.moves[row, j] * (turn + slide)
+            put(g[used], before, of[i, :n])
             used += 1
     return samples[:used], rows[:used], d[:used], g[:used]
 
@@ -112,7 +108,7 @@ def find_poses(q: np.ndarray, robot: Held) -> tuple[np.ndarray, np.ndarray, np.n
 
     Args:
         q: (K, nq) positions in the plant's order.
-        robot: holds a `Robot` whose tasks are T poses, without watched pairs.
+        robot: holds a `Robot` whose tasks are T poses.
 
     Returns:
         R (K, T, 3, 3), p (K, T, 3) [m] and J (K, 6 T, nv), see `TaskRows`.
@@ -124,6 +120,6 @@ def find_poses(q: np.ndarray, robot: Held) -> tuple[np.ndarray, np.ndarray, np.n
     p = np.empty((K, len(rows.linear_tasks), 3))
     J, still = np.empty((K, m, nv)), np.zeros(nv)
     for k in range(K):
-        state = find_state(Measured(q[k : k + 1], still, np.zeros((0, 7))), r)
+        state = find_state(q[k], still, r)
         R[k], p[k], J[k] = state.R, state.p, state.J
     return R, p, J

@@ -151,7 +151,7 @@ class Keeper:
     @property
     def num_rows(self) -> int:
         """Number of pairs of shapes that are watched."""
-        return len(self._reaches.value.own)
+        return len(self._reaches.value.reach)
 
     def margins(self, q: np.ndarray) -> Margins:
         """What a motion (T, n) of the controlled joints keeps.
@@ -169,7 +169,7 @@ class Keeper:
         whole = configurations(self.model, self.rest, y[:, first_joint:])
         rows = NearRows(
             *find_near_rows(
-                whole, asked + look, self.room, first_joint, self.model.robot_ahead
+                whole, asked + look, self.room, first_joint, self.model.robot
             )
         )
         return rows._replace(d=rows.d - asked[rows.sample] - self.room[rows.row])

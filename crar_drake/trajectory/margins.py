@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.law.admission import reaching, travel
+from crar_drake.law.admission import path_bounds, reaching, travel
 from crar_drake.law.compilation import Held, compiled
-from crar_drake.law.nearby import bounds_of_some, nearby_distances
+from crar_drake.law.placed_shapes import shape_distances
 from crar_drake.robot.model import ControlModel
 from crar_drake.trajectory.distance_rows import configurations
 
@@ -55,8 +55,7 @@ def find_margins(
     """
     frames = len(q)
     whole = configurations(model, model.rest_positions(), q)
-    everything = np.full((frames, len(reaches.value.own)), np.inf)
-    d = nearby_distances(whole, everything, model.robot_ahead)
+    d = shape_distances(whole, model.robot)
     nearest = d.argmin(axis=1)
     distance = d[np.arange(frames), nearest]
     pair = model.pairs.pair_of_shapes[nearest]
@@ -64,7 +63,7 @@ def find_margins(
         bounds_between(
             np.ascontiguousarray(whole[:, model.positions]),
             d,
-            model.robot_ahead,
+            model.robot,
             reaches,
         ),
         distance[-1],
@@ -88,14 +87,15 @@ def bounds_between(
     Args:
         q: (T, nq) positions in the equations' order.
         d: (T, Nr) the distances there [m].
-        robot: holds a `Robot`, as in `law.nearby`.
+        robot: holds the `Robot`.
         reaches: holds `Reaches` of all pairs.
     """
-    bounds = np.empty(len(q) - 1)
+    bounds, straight = np.empty(len(q) - 1), np.zeros(len(reaches.value.above))
+    every = np.arange(d.shape[1])
     for k in range(len(bounds)):
         start, x = q[k], q[k + 1] - q[k]
         nearest = min(d[k].min(), d[k + 1].min())
-        reach = reaching(start, x, np.zeros(len(x)), reaches)
+        reach = reaching(start, x, straight, every, reaches.value)
         low = 0.5 * (d[k] + d[k + 1] - travel(x, reach))
         slack, failed, shown = _FIRST_SLACK, 0.0, np.inf
         while slack < _LARGEST_SLACK and shown - failed > _FIRST_SLACK:
@@ -103,7 +103,8 @@ def bounds_between(
             rows = np.flatnonzero(low < level)
             clear = True
             if len(rows):
-                found = bounds_of_some(start, x, level, rows, robot, reaches)
+                keep, of = np.full(len(rows), level), (robot.value, reaches)
+                found = path_bounds(start, x, straight, rows, keep, *of, False)
                 for i in range(len(rows)):
                     if found.at[i] < 0.0:
                         low[rows[i]] = max(low[rows[i]], found.low[i])

@@ -200,9 +200,7 @@ def test_tasks_are_blended_row_by_row():
     step = smooth_step(0.3, DURATION)
     blended = blend_tasks(
         layout.rows,
-        R_start,
-        p_start,
-        np.zeros(0),
+        layout.pack(R_start, p_start),
         DesiredTasks(R=R_d, p=p_d, v=v, a=a),
         step,
     )
@@ -223,8 +221,6 @@ def test_tasks_without_orientations():
     layout = TaskLayout(("a",), ("position",))
     none = np.empty((0, 3, 3))
     target = DesiredTasks(R=none, p=np.ones((1, 3)), v=np.ones(3), a=np.ones(3))
-    blended = blend_tasks(
-        layout.rows, none, np.zeros((1, 3)), np.zeros(0), target, (1.0, 0.0, 0.0)
-    )
+    blended = blend_tasks(layout.rows, np.zeros(3), target, (1.0, 0.0, 0.0))
     assert blended.R.shape == (0, 3, 3)
     np.testing.assert_array_equal(blended.p, np.ones((1, 3)))

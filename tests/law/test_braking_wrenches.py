@@ -259,7 +259,7 @@ def test_faces_far_below_their_level_have_no_rows(robot):
 def test_the_nearest_accelerations_are_those_of_a_quadratic_program(robot):
     rng, model = np.random.default_rng(7), robot.model
     n = len(model.controlled)
-    root = np.tril(correction_norm(model.rest_positions(), 0.3, model.robot_by_pair))
+    root = np.tril(correction_norm(model.rest_positions(), 0.3, model.robot))
     norm = root @ root.T
     assert np.trace(norm) == pytest.approx(n)
     changed = 0

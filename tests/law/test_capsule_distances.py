@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from crar_drake.judging.referee_distances import capsule_distance
 from crar_drake.law.capsule_distances import (
     ShapePairs,
+    WatchedRows,
     capsule_distances,
-    capsule_sizes,
     nearest_of_pairs,
 )
 from crar_drake.law.hull_distances import no_hulls
@@ -340,35 +340,23 @@ def test_an_answer_that_the_closed_form_refutes_is_not_taken():
     about a shape what is asked alone; and of the nearest pair of each watched pair."""
     rng = np.random.default_rng(4)
     count = 6
-    points = rng.normal(size=(1, 4 * count, 3))  # a's axes, b's, and their vectors
-    a, b, u, v = points[0].reshape(4, count, 3)
+    points = rng.normal(size=(4 * count, 3))  # a's axes, b's, and their vectors
+    a, b, u, v = points.reshape(4, count, 3)
     radius_a, radius_b = rng.uniform(0.0, 0.1, (2, count))
     exact = capsule_distances(a, a + u, radius_a, b, b + v, radius_b)
     asked = rng.normal(size=(count, 7))
     late = np.array([1e-3, 5e-5, -1e-3, 1e-3, 0.05, np.nan])
     asked[:, 0] = exact[0] + late
     about = np.array([False, False, False, True, False, False])
-    starts = np.arange(count)
-    length_a, length_b = np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1)
-    pairs = ShapePairs(
-        start_a=starts,
-        start_b=starts + count,
-        vector_a=starts + 2 * count,
-        vector_b=starts + 3 * count,
-        sizes=capsule_sizes(length_a, radius_a, length_b, radius_b),
-        shapes=starts,
-        order=np.where(about, -1, starts),
-        members=np.array([[0, 1], [2, 3], [4, 5]]),
-        moves=np.zeros((3, 1)),
-        **dict(zip(("hull_a", "hull_b", "hulls"), no_hulls(count), strict=True)),
-    )
-    found = nearest_of_pairs(points, asked, pairs)
-    plain = nearest_of_pairs(points, np.zeros((0, 7)), pairs)
+    starts, radii = np.arange(count), radius_a + radius_b
+    rest = radii, radii, radii < 0.0, np.zeros((count, 1))
+    pairs = ShapePairs(starts, starts + count, 2 * count, *rest, **no_hulls(count))
+    members = np.array([[0, 1], [2, 3], [4, 5]])
+    watched = WatchedRows(members, ~about, np.zeros((3, 1)))
+    found = nearest_of_pairs(points, asked, pairs, watched)
     taken = [asked[i, 0] if i in (1, 2, 3) else exact[0][i] for i in range(count)]
-    for k, members in enumerate(pairs.members):
-        best = min(members, key=lambda i: taken[i])
+    for k, some in enumerate(members):
+        best = min(some, key=lambda i: taken[i])
         assert found[0][k] == pytest.approx(taken[best], abs=1e-14)
         of = asked[best, 1:4] if best in (1, 2, 3) else exact[1][best]
         np.testing.assert_allclose(found[1][k], of, atol=1e-14)
-        nearest = exact[0][members].min()
-        assert plain[0][k] == pytest.approx(nearest, abs=1e-14)

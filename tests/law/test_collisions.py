@@ -6,14 +6,14 @@ Elsewhere they are compared in `tests/acceptance/test_paper_law.py`.
 import numpy as np
 import pytest
 
-from crar_drake.law.collisions import (
-    collision_gradient,
+from crar_drake.law.capsule_distances import distance_gradient_about_origin
+from crar_drake.law.constraint_weights import (
+    approach_weights,
     collision_potential_slope,
     collision_proximity,
-    collision_weights,
-    distance_gradient_about_origin,
-    pair_weights,
+    limit_potential,
 )
+from crar_drake.law.paper import Gains, constraint_weights
 
 PAPER = {"rho": 1.0, "alpha": 50.0, "beta": 2.0}
 
@@ -35,25 +35,25 @@ def test_slope_is_finite_negative_and_monotone():
 
 def test_distance_gradient_about_origin_is_that_of_the_witness_points():
     """Each point's Jacobian, column by column: J_v + J_omega x p, for witness points
-    at different places of the line, each on its own link; two configurations."""
+    at different places of the line, each on its own link."""
     rng = np.random.default_rng(4)
-    K, count, n = 2, 7, 5
-    normal = rng.normal(size=(K, count, 3))
-    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    p_a = rng.normal(size=(K, count, 3))
-    p_b = p_a - rng.normal(size=(K, count, 1)) * normal
-    S = rng.normal(size=(K, 6, n))
+    count, n = 7, 5
+    normal = rng.normal(size=(count, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    p_a = rng.normal(size=(count, 3))
+    p_b = p_a - rng.normal(size=(count, 1)) * normal
+    S = rng.normal(size=(6, n))
     carries_a, carries_b = rng.integers(2, size=(2, count, n)).astype(float)
-    expected = np.empty((K, count, n))
-    for k, j, i in np.ndindex(K, count, n):
-        omega, v = S[k, :3, i], S[k, 3:, i]
-        v_a = carries_a[j, i] * (v + np.cross(omega, p_a[k, j]))
-        v_b = carries_b[j, i] * (v + np.cross(omega, p_b[k, j]))
-        expected[k, j, i] = normal[k, j] @ (v_a - v_b)
+    expected = np.empty((count, n))
+    for j, i in np.ndindex(count, n):
+        omega, v = S[:3, i], S[3:, i]
+        v_a = carries_a[j, i] * (v + np.cross(omega, p_a[j]))
+        v_b = carries_b[j, i] * (v + np.cross(omega, p_b[j]))
+        expected[j, i] = normal[j] @ (v_a - v_b)
     moves = carries_a - carries_b
-    for point in (p_a.reshape(-1, 3), p_b.reshape(-1, 3)):
+    for point in (p_a, p_b):
         np.testing.assert_allclose(
-            distance_gradient_about_origin(normal.reshape(-1, 3), point, S, moves),
+            distance_gradient_about_origin(normal, point, S, moves),
             expected,
             atol=1e-13,
         )
@@ -74,7 +74,7 @@ def test_pair_weight_branches_per_pair_and_joint():
     """Approaching, unchanged (counts as approaching), leaving."""
     gradient = np.array([[2.0, -3.0, 4.0], [-4.0, 3.0, -2.0]])
     previous = np.array([[1.9, 3.0, 4.1], [4.1, 3.0, 1.9]])
-    W = pair_weights(gradient, np.abs(gradient), previous)
+    W = approach_weights(gradient, np.abs(gradient), previous)
     np.testing.assert_array_equal(W, [[3.0, 4.0, 1.0], [1.0, 4.0, 3.0]])
 
 
@@ -96,21 +96,19 @@ def test_pair_weight_of_a_move(d_before, d_now, approaching):
 
     def at(d: float) -> tuple[np.ndarray, np.ndarray]:
         d = np.array([d])
-        gradient = collision_gradient(collision_potential_slope(d, **PAPER), dd_dq)
+        gradient = collision_potential_slope(d, **PAPER)[:, None] * dd_dq
         return gradient, collision_proximity(gradient, d)
 
     gradient, proximity = at(d_now)
-    W = pair_weights(gradient, proximity, at(d_before)[1])
+    W = approach_weights(gradient, proximity, at(d_before)[1])
     expected = 1.0 + np.abs(gradient) if approaching else np.ones((1, 2))
     np.testing.assert_array_equal(W, expected)
 
 
-def test_without_pairs_nothing_is_weighed():
-    none = np.empty((0, 4))
-    d = np.empty(0)
-    slope = collision_potential_slope(d, **PAPER)
-    gradient = collision_gradient(slope, none)
-    proximity = collision_proximity(gradient, d)
-    for previous in (none, proximity):
-        W_COL_j = pair_weights(gradient, proximity, previous)
-        np.testing.assert_array_equal(collision_weights(W_COL_j), np.ones(4))
+def test_without_pairs_only_the_limits_weigh():
+    q, limits = np.array([0.1, 0.9]), limit_potential(-np.ones(2), np.ones(2))
+    gains = Gains(0.1, 10.0, 10.0, *PAPER.values(), 0.3, 0.01, False)
+    none, before = np.zeros((0, 2)), np.zeros(2)
+    W, *_ = constraint_weights(q, np.zeros(0), none, before, none, limits, gains)
+    # Eq. (17): 4 (2 q) / (4 (1 - q^2)^2) between -1 and 1.
+    np.testing.assert_allclose(W, 1.0 + 0.3 * 2.0 * q / (1.0 - q**2) ** 2)

@@ -84,7 +84,7 @@ def test_they_are_those_that_the_model_commands():
     model, rng = chain(5e-3), np.random.default_rng(2)
     workspace, nv = model.MakeWorkspace(), model.plant.num_velocities()
     q, v, vdot = rng.normal(size=(3, nv))
-    model.measure(workspace, q, v)
+    model.evaluate(workspace, q, v)
     tau = model.inverse_dynamics(workspace, vdot)
     found = model.effort_of_joints @ joint_torques(q, v, vdot, model.dynamics.value)
     np.testing.assert_allclose(found, tau, rtol=1e-12)

@@ -248,7 +248,7 @@ def test_limits_of_joints_speeds_and_motors_hold_meanwhile(witness, hand):
         centre = hand + (0.5 - 0.6 * k * PERIOD) * np.array([0.0, 0.0, 1.0])
         command = filter(rest, obstacles=Obstacles([centre], SIZE, 0.6))
         evaded += command.report.obstacle is not None
-        model.measure(workspace, q, v)
+        model.evaluate(workspace, q, v)
         torque = model.inverse_dynamics(workspace, command.a)
         most = max(most, np.abs(torque / limits).max())
         q, v = command.q, command.v

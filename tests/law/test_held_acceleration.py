@@ -325,7 +325,7 @@ def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits(tar
         v = rng.uniform(-1.0, 1.0, n) * rng.choice([0.5, 2.0, 6.0])
         law.reset()
         solution = law.step(q, v, target)
-        model.measure(workspace, q, v)
+        model.evaluate(workspace, q, v)
         still = model.inverse_dynamics(workspace, np.zeros(n))
         unit = [model.inverse_dynamics(workspace, e) for e in np.eye(n)]
         inertia = np.array(unit).T - still[:, None]

@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
@@ -24,7 +22,6 @@ from crar_drake.law.hull_distances import (
     Hulls,
     hull_distance,
     no_hulls,
-    shadow_rates,
 )
 from crar_drake.robot.hulls import Hull, hull_of, numbers_of_hulls
 
@@ -33,8 +30,8 @@ class Placed(NamedTuple):
     """Two shapes: points as the equations want them, and where they are."""
 
     at: np.ndarray
-    a: tuple[int, int, int]
-    b: tuple[int, int, int]
+    a: tuple[int, int]
+    b: tuple[int, int]
     hulls: Hulls
 
 
@@ -56,12 +53,12 @@ def place(a: np.ndarray | Hull, b: np.ndarray | Hull) -> Placed:
     after = [4 + sum(map(len, corners[:k])) - k for k in (0, 1) if of[k] >= 0]
     at = np.concatenate([starts, vectors, *corners])
     numbers = numbers_of_hulls(hulls, after)
-    return Placed(at, (0, 2, of[0]), (1, 3, of[1]), numbers)
+    return Placed(at, (0, of[0]), (1, of[1]), numbers)
 
 
 def distance(a, b) -> tuple[float, np.ndarray, np.ndarray]:
     placed = place(a, b)
-    return hull_distance(placed.at, *placed.a, *placed.b, placed.hulls)
+    return hull_distance(placed.at, *placed.a, *placed.b, 2, placed.hulls)
 
 
 def points_of(shape: np.ndarray | Hull) -> np.ndarray:
@@ -203,20 +200,9 @@ def test_the_distance_changes_by_no_more_than_a_shape_moves(seed):
     assert np.abs(np.diff(d)).max() <= np.linalg.norm(way) / steps + 1e-9
 
 
-@given(st.integers(0, 2**31))
-@settings(max_examples=60, deadline=None)
-def test_shadow_rates_are_those_of_moving_points(seed):
-    rng = np.random.default_rng(seed)
-    points, V = rng.normal(size=(7, 3)), rng.normal(size=6)
-    n, half = rng.normal(size=3), rng.uniform(0.01, 1.0)
-    at = [(points + t * (V[3:] + np.cross(V[:3], points))) @ n for t in (-half, half)]
-    expected = [at[0].min(), at[1].min(), at[0].max(), at[1].max()]
-    np.testing.assert_allclose(shadow_rates(n, points, V, half), expected, atol=1e-12)
-
-
 def test_what_is_no_number_has_no_distance():
     placed = place(BOX, np.array([[2.0, np.nan, 0.0], [3.0, 0.0, 0.0]]))
-    d, _, _ = hull_distance(placed.at, *placed.a, *placed.b, placed.hulls)
+    d, _, _ = hull_distance(placed.at, *placed.a, *placed.b, 2, placed.hulls)
     assert np.isnan(d)
 
 
@@ -228,5 +214,6 @@ def test_flat_points_have_no_hull():
 
 
 def test_capsules_alone_have_no_hulls():
-    a, b, hulls = no_hulls(3)
-    assert (a == -1).all() and (b == -1).all() and len(hulls.value.corners) == 0
+    found = no_hulls(3)
+    assert (found["hull_a"] == -1).all() and (found["hull_b"] == -1).all()
+    assert len(found["hulls"].value.corners) == 0

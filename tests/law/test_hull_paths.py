@@ -10,7 +10,6 @@ from crar_drake.judging.referee import Referee
 from crar_drake.law.admission import path_bounds, travel
 from crar_drake.law.compilation import hold
 from crar_drake.law.kinematics import link_poses, place_points
-from crar_drake.law.nearby import ball_distances
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
@@ -48,9 +47,9 @@ class Paths:
         plant = model.plant
         limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
         found = find_reaches(model.joints, model.pairs, model.order, *limits)
-        self.reaches, self.robot = hold(found), model.robot_ahead.value
-        self.rows = len(found.own)
+        self.reaches, self.robot = hold(found), model.robot.value
         self.of = model.pairs.pair_of_shapes
+        self.rows = np.arange(len(self.of))
         self.referee = Referee(plant, model.scene_graph, model.description.pairs)
 
     def judged(self, path: np.ndarray) -> np.ndarray:
@@ -88,10 +87,9 @@ def drawn(paths: Paths, seed: int):
 def test_no_distance_on_a_path_is_below_what_is_found(paths, seed) -> None:
     """Nor is a pair said to be clear whose distance is below its level somewhere."""
     start, x, bend = drawn(paths, seed)
-    level = np.full(paths.rows, np.random.default_rng(seed).choice([0.004, 0.03]))
-    asked = np.ones(paths.rows, dtype=bool)
+    level = np.full(len(paths.of), np.random.default_rng(seed).choice([0.004, 0.03]))
     bounds = path_bounds(
-        start, x, bend, level, asked, paths.robot, paths.reaches, False
+        start, x, bend, paths.rows, level, paths.robot, paths.reaches, False
     )
     t = np.linspace(0.0, 1.0, 16)[:, None]
     judged = paths.judged(start + t * x + t * t * bend)
@@ -105,10 +103,9 @@ def test_most_that_is_clear_is_found_to_be(paths) -> None:
     kept = found = 0
     for seed in range(12):
         start, x, bend = drawn(paths, seed)
-        level = np.full(paths.rows, 0.004)
-        asked = np.ones(paths.rows, dtype=bool)
+        level = np.full(len(paths.of), 0.004)
         bounds = path_bounds(
-            start, x, bend, level, asked, paths.robot, paths.reaches, False
+            start, x, bend, paths.rows, level, paths.robot, paths.reaches, False
         )
         t = np.linspace(0.0, 1.0, 15)[:, None]
         far = paths.judged(start + t * x + t * t * bend) > 0.009
@@ -123,7 +120,7 @@ def test_most_that_is_clear_is_found_to_be(paths) -> None:
 def test_no_distance_changes_by_more_than_the_travel(paths, seed) -> None:
     start, x, _ = drawn(paths, seed)
     most = np.zeros(len(paths.model.pairs))
-    np.maximum.at(most, paths.of, travel(x, paths.reaches))
+    np.maximum.at(most, paths.of, travel(x, paths.reaches.value.reach))
     change = paths.judged(start[None]) - paths.judged((start + x)[None])
     assert (np.abs(change) <= most + 1e-9).all()
 
@@ -137,7 +134,9 @@ def test_balls_hold_their_shapes(paths) -> None:
         in_plant[0, paths.model.positions] = q
         X = link_poses(in_plant, tree, tree.every)
         points = place_points(X, r.selection, r.first)[0]
-        apart = ball_distances(points, pairs, pairs.shapes[: paths.rows])
+        middle = points + 0.5 * np.roll(points, -pairs.to_vector, axis=0)
+        between = middle[pairs.start_a] - middle[pairs.start_b]
+        apart = np.linalg.norm(between, axis=1) - pairs.balls
         judged = paths.judged(q[None])
         outside = judged > 0.0  # deep inside, a depth may be more than the balls'
         assert (paths.by_pair(apart)[outside] <= judged[outside] + 1e-12).all()

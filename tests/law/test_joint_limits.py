@@ -6,9 +6,9 @@ Elsewhere they are compared in `tests/acceptance/test_paper_law.py`.
 import numpy as np
 import pytest
 
-from crar_drake.law.joint_limits import (
+from crar_drake.law.constraint_weights import (
     LIMIT_CLAMP,
-    joint_limit_weights,
+    approach_weights,
     limit_gradient,
     limit_potential,
     limit_proximity,
@@ -38,7 +38,7 @@ def proximity_at(q) -> np.ndarray:
 
 def weight_of_move(q_before: float, q_now: float) -> float:
     """W_JL of one joint that went from q_before to q_now in one step."""
-    W = joint_limit_weights(
+    W = approach_weights(
         gradient_at(q_now), proximity_at(q_now), proximity_at(q_before)
     )
     return W[0]
@@ -54,7 +54,7 @@ def test_unlimited_joints_weigh_nothing(lower, upper, q):
     q, lower, upper = np.array([q]), np.array([lower]), np.array([upper])
     assert joint_limit_gradient(q, lower, upper) == 0.0
     assert joint_limit_proximity(q, lower, upper) == 0.0
-    W = joint_limit_weights(np.zeros(1), np.zeros(1), np.zeros(1))
+    W = approach_weights(np.zeros(1), np.zeros(1), np.zeros(1))
     assert W == 1.0
 
 
@@ -150,7 +150,7 @@ def test_proximity_grows_strictly_outwards_without_a_jump():
 def test_weight_branches_per_joint():
     """Approaching, unchanged (counts as approaching), leaving."""
     gradient = np.array([2.0, -3.0, 4.0])
-    W = joint_limit_weights(gradient, np.abs(gradient), np.array([1.9, 3.0, 4.1]))
+    W = approach_weights(gradient, np.abs(gradient), np.array([1.9, 3.0, 4.1]))
     assert W.tolist() == [3.0, 4.0, 1.0]
 
 

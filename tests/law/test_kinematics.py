@@ -14,7 +14,6 @@ from pydrake.multibody.tree import (
 
 from crar_drake.errors import ModelError
 from crar_drake.law.kinematics import (
-    join_joints,
     joint_motion,
     link_poses,
     place_points,
@@ -63,12 +62,7 @@ def test_joint_motion_is_drakes_jacobian_about_the_worlds_origin(
     plant: MultibodyPlant,
 ) -> None:
     joints, context = JointTree(plant), plant.CreateDefaultContext()
-    W, nv = plant.world_frame(), plant.num_velocities()
-    frames = joints.frame_of_velocity
-    origin, along = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros((nv, 1))
-    placed = [(frame, origin) for frame in frames]
-    for vectors in (joints.turns, joints.slides):
-        placed += list(zip(frames, np.hstack([vectors, along]), strict=True))
+    W, placed = plant.world_frame(), joints.axes(np.arange(plant.num_velocities()))
     configured = configurations(plant)
     X = link_poses(configured, joints.tree, joints.tree.every)
     points = place_points(X, *joints.select(placed))
@@ -106,10 +100,3 @@ def test_joints_whose_velocities_are_no_rates_are_refused(kind: str) -> None:
     plant.Finalize()
     with pytest.raises(ModelError, match="socket.*not the rates of its positions"):
         JointTree(plant)
-
-
-def test_joined_accelerations_are_in_the_plants_order() -> None:
-    """Those of the controlled joints first, wherever these are in the plant."""
-    order = np.array([3, 0, 4, 2, 1])
-    found = join_joints(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0]), order)
-    np.testing.assert_array_equal(found, [2.0, 5.0, 4.0, 1.0, 3.0])

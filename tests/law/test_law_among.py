@@ -129,7 +129,7 @@ def test_torque_and_command_are_those_of_the_changed_accelerations(law, model):
     q, v = model.rest_positions(), np.zeros(model.plant.num_velocities())
     workspace, changed = model.MakeWorkspace(), 0
     for solution in found:
-        model.measure(workspace, q, v)
+        model.evaluate(workspace, q, v)
         tau = model.inverse_dynamics(workspace, solution.acceleration)
         np.testing.assert_allclose(solution.actuation, tau, atol=1e-9)
         v_next = v + PERIOD * solution.acceleration

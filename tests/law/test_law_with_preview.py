@@ -19,7 +19,7 @@ from crar_drake.law.parameters import (
     LookaheadParameters,
     PaperGains,
 )
-from crar_drake.robot.task import Task, pose_tasks
+from crar_drake.robot.task import Task
 
 PERIOD = 5e-3
 PREVIEW = LookaheadParameters(period=PERIOD, blend_time=0.0)
@@ -81,7 +81,7 @@ def test_a_target_out_of_reach_is_waited_for_at_rest(model):
 
 
 def test_poses_and_joints_are_followed():
-    poses = pose_tasks(["left_wrist"], 0.2)
+    poses = [Task(frame="left_wrist", kind="pose", orientation_weight=0.2)]
     joint = Task(kind="joint", joint="right_elbow")
     model = upper_body([*poses, joint])
     rest = model.rest_positions()
@@ -196,7 +196,7 @@ def test_a_violation_is_left_at_the_retreat_speed(model):
         q[model.controlled_positions] = rng.uniform(
             np.maximum(model.lower, -1.5), np.minimum(model.upper, 1.5)
         )
-        smallest = [model.evaluate_distances(q).d.min()]
+        smallest = [model.signed_distances(q).min()]
         if not -0.02 < smallest[0] < -0.01:
             continue
         started += 1
@@ -207,7 +207,7 @@ def test_a_violation_is_left_at_the_retreat_speed(model):
                 q, v, tasks, model.prescribed_at(model.rest_positions())
             )
             q, v = np.split(solution.position_command, [len(q)])
-            smallest.append(model.evaluate_distances(q).d.min())
+            smallest.append(model.signed_distances(q).min())
         assert smallest[1] - smallest[0] < 0.3 * (MARGIN - smallest[0])
         assert smallest[-1] > 4e-3
 

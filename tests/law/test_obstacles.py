@@ -350,7 +350,7 @@ def test_motors_limits_hold_among_obstacles(witness):
         plant.SetPositions(context, q)
         plant.SetVelocities(context, v)
         workspace = model.MakeWorkspace()
-        model.measure(workspace, q, v)
+        model.evaluate(workspace, q, v)
         torque = model.inverse_dynamics(workspace, command.a)
         most = max(most, np.abs(torque / limits).max())
         q, v = command.q, command.v

@@ -32,8 +32,7 @@ from crar_drake.law.admission import (
     travel,
     velocity_bounds,
 )
-from crar_drake.law.capsule_distances import CapsuleSizes, ShapePairs
-from crar_drake.law.compilation import hold
+from crar_drake.law.capsule_distances import ShapePairs
 from crar_drake.law.hull_distances import no_hulls
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import load_robot_description
@@ -56,7 +55,7 @@ def shapes(request) -> MovingShapes:
     if request.param == "above ground":
         return MovingShapes.of(above_ground())
     if request.param == "every joint":
-        return shapes_of_every_joint(shipped("obstacle_arm").robot_ahead.value)
+        return shapes_of_every_joint(shipped("obstacle_arm").robot.value)
     return MovingShapes.of(shipped(request.param))
 
 
@@ -188,7 +187,8 @@ def test_no_point_of_a_shape_accelerates_more_than_the_curvature(
     step, ratios = 1e-3, []
     for _ in range(12):
         start, x = random_path(shapes, rng)
-        bound = path_curvature(x, np.arange(len(shapes.rows)), shapes.reaches)
+        reaches, moves = shapes.reaches, shapes.robot.pairs.value.moves
+        bound = path_curvature(x, moves, reaches.reach, reaches.above)
         for row in range(len(shapes.rows)):
             way = np.where(both[row], 0.0, x)
             largest = 0.0
@@ -215,7 +215,7 @@ def test_no_distance_changes_more_than_the_travel(shapes: MovingShapes) -> None:
         start, end = (shapes.random_configuration(rng) for _ in range(2))
         end = np.where(rng.random(len(start)) < 0.7, start, end)
         d = shapes.distances(np.array([start, end]))
-        bound = travel(end - start, shapes.held)
+        bound = travel(end - start, shapes.reaches.reach)
         assert (np.abs(d[1] - d[0]) <= bound + 1e-12).all()
         moved = bound > 1e-9
         ratios.extend(np.abs(d[1] - d[0])[moved] / bound[moved])
@@ -224,7 +224,8 @@ def test_no_distance_changes_more_than_the_travel(shapes: MovingShapes) -> None:
 
 def test_no_end_is_farther_from_a_joint_than_its_reach(shapes: MovingShapes) -> None:
     rng = np.random.default_rng(7)
-    reaches, largest = shapes.reaches, np.zeros((2, *shapes.reaches.a.shape))
+    reach, moves = shapes.reaches.reach, shapes.robot.pairs.value.moves
+    largest = np.zeros((2, *reach.shape))
     for _ in range(100):
         shapes.set(shapes.random_configuration(rng))
         for row, (a, ends_a, _, b, ends_b, _) in enumerate(shapes.rows):
@@ -232,8 +233,7 @@ def test_no_end_is_farther_from_a_joint_than_its_reach(shapes: MovingShapes) -> 
                 for end in ends:
                     speed = np.linalg.norm(shapes.end_jacobian(body, end), axis=0)
                     largest[k, row] = np.maximum(largest[k, row], speed)
-    alone = np.array([reaches.a_alone, reaches.b_alone])
-    reach = np.array([reaches.a, reaches.b])
+    alone = np.array([moves > 0.0, moves < 0.0])
     assert (largest * alone <= reach + 1e-12).all()
     # A joint moves a shape alone where Drake says so, and has no reach elsewhere.
     carried = np.array(
@@ -241,9 +241,9 @@ def test_no_end_is_farther_from_a_joint_than_its_reach(shapes: MovingShapes) -> 
     )
     np.testing.assert_array_equal(alone[0], carried[0] & ~carried[1])
     np.testing.assert_array_equal(alone[1], carried[1] & ~carried[0])
-    assert not reach[alone == 0.0].any()
+    assert not reach[moves == 0.0].any()
     # and the reach is of use: stretched out, but not much more.
-    assert np.median((reach / np.maximum(largest, 1e-9))[alone > 0.0]) < 3.0
+    assert np.median((reach / np.maximum(largest, 1e-9))[alone]) < 3.0
 
 
 def sliding_plant(kinds: str, limits: tuple[float, float]):
@@ -283,20 +283,19 @@ def reaches_of(plant: MultibodyPlant, scene_graph: SceneGraph, pairs):
 def test_a_slide_adds_to_the_reach_of_what_carries_it() -> None:
     reaches = reaches_of(*sliding_plant("tst", (-0.3, 0.1)))
     # 0.2 m from joint to joint, and 0.3 m of slide; the ball is on its own joint.
-    np.testing.assert_allclose(reaches.a, [[0.2 + 0.2 + 0.3, 1.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(reaches.reach, [[0.2 + 0.2 + 0.3, 1.0, 0.0]], atol=1e-12)
 
 
 @pytest.mark.parametrize("limits", [(-np.inf, np.inf), (-0.1, np.inf), (-0.1, 0.2)])
 def test_a_slide_beyond_its_limits_reaches_as_far_as_it_is(limits) -> None:
     """Joints t, s, t: where the path leads is what counts, at either end."""
     plant, scene_graph, pairs = sliding_plant("tst", limits)
-    held, still = hold(reaches_of(plant, scene_graph, pairs)), np.zeros(3)
+    reaches, every = reaches_of(plant, scene_graph, pairs), np.arange(1)
 
     def reach(q: float, x: float, bend: float = 0.0) -> float:
         slide = np.array([0.0, 1.0, 0.0])
-        found = reaching(q * slide, x * slide, bend * slide, held).value
-        np.testing.assert_array_equal(found.farthest, (found.a + found.b).T)
-        return found.a[0, 0] - 0.4
+        found = reaching(q * slide, x * slide, bend * slide, every, reaches)
+        return found[0, 0] - 0.4
 
     farthest = 0.2 if np.isfinite(limits).all() else 0.0
     for q, x in ((0.5, 0.0), (-0.5, 0.0), (0.1, 0.4), (0.1, -0.6), (-0.5, 0.3)):
@@ -307,21 +306,16 @@ def test_a_slide_beyond_its_limits_reaches_as_far_as_it_is(limits) -> None:
     for x, bend in ((0.4, -0.8), (2.0, -2.0), (-1.5, 1.0)):
         most = np.abs(0.3 + x * along + bend * along**2).max()
         assert reach(0.3, x, bend) >= most
-    assert reaching(still, still, still, held) is not None
 
 
 # --- A4, A5: the whole path ---------------------------------------------------------
 
 
-def shape_pairs(start_a, vector_a, start_b, vector_b) -> ShapePairs:
+def shape_pairs(start_a, start_b, to_vector: int) -> ShapePairs:
     """Of points, where the rest does not matter."""
-    nothing = np.zeros(0)
-    sizes = CapsuleSizes(*[nothing] * len(CapsuleSizes._fields))
-    return ShapePairs(
-        *(start_a, start_b, vector_a, vector_b, sizes),
-        *(start_a, start_a, start_a, nothing),
-        *no_hulls(len(start_a)),
-    )
+    none = np.zeros(len(start_a))
+    rest = none, none, none > 0.0, none.reshape(-1, 1)
+    return ShapePairs(start_a, start_b, to_vector, *rest, **no_hulls(len(start_a)))
 
 
 @given(st.integers(0, 2**31))
@@ -334,10 +328,8 @@ def test_the_shadow_gap_is_the_smallest_of_linear_motion(seed: int) -> None:
     n /= np.linalg.norm(n, axis=1)[:, None]
     p_a, u, p_b, v = rng.normal(size=(4, k, 3))
     a, b = rng.normal(size=(2, k, 6)) * rng.choice([0.1, 3.0])
-    at, some = np.concatenate((p_a, u, p_b, v)), np.arange(k)
-    found = shadow_gap(
-        n, at, shape_pairs(*(some + i * k for i in range(4))), some, a, b, half
-    )
+    at, some = np.concatenate((p_a, p_b, u, v)), np.arange(k)
+    found = shadow_gap(n, at, shape_pairs(some, some + k, 2 * k), some, a, b, half)
     gaps = []
     for t in np.linspace(-half, half, 41):
 
@@ -361,26 +353,26 @@ def test_no_distance_on_a_path_is_below_its_bound(shapes: MovingShapes) -> None:
         d = shapes.on_path(start, start + x, 2000)
         true = d.min(axis=0)
         slack = rng.choice([-0.02, -1e-6, 1e-6, 1e-3, 0.01, 0.1], size=len(true))
-        asked = rng.random(len(true)) < 0.8
+        rows = np.flatnonzero(rng.random(len(true)) < 0.8)
+        true, slack = true[rows], slack[rows]
         level = true - slack
         bounds = path_bounds(
-            start, x, 0.0 * x, level, asked, shapes.robot, shapes.held, False
+            start, x, 0.0 * x, rows, level, shapes.robot, shapes.held, False
         )
-        shown = asked & (bounds.at < 0.0)
+        shown = bounds.at < 0.0
         assert (true[shown] >= level[shown] - 1e-12).all()
         assert (bounds.low[shown] <= true[shown] + 1e-12).all()
         assert (bounds.low[shown] >= level[shown]).all()
-        assert (bounds.at[~asked] == -1.0).all()
-        spare = asked & (slack >= 1e-3)
+        spare = slack >= 1e-3
         clear_with_slack += spare.sum()
         missed += (spare & ~shown).sum()
-        clear, failed = clear + shown.sum(), failed + (asked & ~shown).sum()
+        clear, failed = clear + shown.sum(), failed + (~shown).sum()
         # Where one fails, the distance is that, and is about the smallest.
-        for pair in np.flatnonzero(asked & ~shown):
-            there = shapes.distances((start + bounds.at[pair] * x)[None])[0, pair]
-            assert there == pytest.approx(bounds.d[pair], abs=1e-12)
-            if slack[pair] < -0.01:
-                assert there < level[pair]
+        for k in np.flatnonzero(~shown):
+            there = shapes.distances((start + bounds.at[k] * x)[None])[0, rows[k]]
+            assert there == pytest.approx(bounds.d[k], abs=1e-12)
+            if slack[k] < -0.01:
+                assert there < level[k]
     assert clear > 20 and failed > 10
     assert missed <= 0.01 * clear_with_slack
 
@@ -396,9 +388,9 @@ def test_no_distance_on_a_bent_path_is_below_its_bound(shapes: MovingShapes) -> 
         d = shapes.distances(start + shares * x + shares**2 * bend)
         true = d.min(axis=0)
         slack = rng.choice([-0.02, -1e-6, 1e-6, 1e-3, 0.01], size=len(true))
-        asked, level = np.ones(len(true), dtype=bool), true - slack
+        rows, level = np.arange(len(true)), true - slack
         bounds = path_bounds(
-            start, x, bend, level, asked, shapes.robot, shapes.held, False
+            start, x, bend, rows, level, shapes.robot, shapes.held, False
         )
         shown = bounds.at < 0.0
         assert (true[shown] >= level[shown] - 1e-6).all()  # the samples' spacing
@@ -423,11 +415,11 @@ def test_gradients_are_those_of_the_distances_where_they_fail(
     start, x = random_path(shapes, rng)
     d = shapes.on_path(start, start + x, 50)
     level = d.min(axis=0) + rng.choice([-0.1, 0.01], size=d.shape[1])
-    asked = np.ones(len(level), dtype=bool)
+    rows = np.arange(len(level))
     bounds = path_bounds(
-        start, x, 0.0 * x, level, asked, shapes.robot, shapes.held, False
+        start, x, 0.0 * x, rows, level, shapes.robot, shapes.held, False
     )
-    failed, g = gradients_at(start, x, bounds, shapes.robot)
+    failed, g = gradients_at(start, x, rows, bounds, shapes.robot)
     np.testing.assert_array_equal(failed, np.flatnonzero(bounds.at >= 0.0))
     for pair, gradient in zip(failed, g, strict=True):
         at = start + bounds.at[pair] * x
@@ -444,11 +436,11 @@ def test_a_path_without_way_is_its_start(shapes: MovingShapes) -> None:
     rng = np.random.default_rng(9)
     start = shapes.random_configuration(rng)
     d = shapes.distances(start[None])[0]
-    asked = np.ones(len(d), dtype=bool)
+    rows = np.arange(len(d))
     for level, expected in ((d - 1e-9, True), (d + 1e-9, False)):
         still = np.zeros(len(start))
         bounds = path_bounds(
-            start, still, still, level, asked, shapes.robot, shapes.held, False
+            start, still, still, rows, level, shapes.robot, shapes.held, False
         )
         assert ((bounds.at < 0.0) == expected).all()
 
@@ -462,18 +454,18 @@ def ball() -> MovingShapes:
 def test_what_has_no_distance_is_not_clear(ball) -> None:
     """An overflow makes a NaN of it; and the law brakes then."""
     start, x = np.array([1.0, 1.0]), np.array([np.nan, 0.0])
-    level, asked, straight = np.array([4e-3]), np.array([True]), np.zeros(2)
-    bounds = path_bounds(start, x, straight, level, asked, ball.robot, ball.held, False)
+    rows, level, straight = np.array([0]), np.array([4e-3]), np.zeros(2)
+    bounds = path_bounds(start, x, straight, rows, level, ball.robot, ball.held, False)
     assert bounds.at[0] >= 0.0 and bounds.low[0] == bounds.d[0] == -np.inf
 
 
 def test_a_pair_that_is_not_decided_is_not_clear_however_far(ball) -> None:
     """Two kilometres away: a way of three is not halved often enough for 1 mm."""
     start, x = np.array([2000.0, 0.0]), np.array([0.0, 3000.0])
-    asked, straight = np.array([True]), np.zeros(2)
+    rows, straight = np.array([0]), np.zeros(2)
     for less, clear in ((100.0, True), (1e-3, False), (-1e-3, False)):
         level = np.array([2000.0 - BOTH - less])
         bounds = path_bounds(
-            start, x, straight, level, asked, ball.robot, ball.held, False
+            start, x, straight, rows, level, ball.robot, ball.held, False
         )
         assert (bounds.at[0] < 0.0) == clear

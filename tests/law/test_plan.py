@@ -240,7 +240,7 @@ def test_rows_are_how_distances_and_limits_change(model):
         return ahead
 
     def distances(plan):
-        return np.array([model.evaluate_distances(at).d for at in places(plan)])
+        return np.array([model.signed_distances(at) for at in places(plan)])
 
     x = expected_motion(at_v, np.zeros(model.n_p), last, PREVIEW)
     margins = approach.distance_margin, approach.limit_margin
@@ -256,7 +256,7 @@ def test_rows_are_how_distances_and_limits_change(model):
     expected = {}
     # What is in violation leaves at its retreat speed.
     until = PREVIEW.times + PERIOD
-    here = model.evaluate_distances(q).d
+    here = model.signed_distances(q)
     asked = np.minimum(MARGIN, here + np.outer(until, np.full(len(here), 0.5)))
     for d, wanted, rate in zip(
         there.ravel(), asked.ravel(), change.ravel(), strict=True

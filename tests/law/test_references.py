@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from crar_drake.law.blending import blend_tasks
 from crar_drake.law.kinematics import State
 from crar_drake.law.references import (
-    BlendStart,
     Targets,
     TaskGains,
     find_references,
@@ -60,7 +59,9 @@ def test_references_are_put_together_row_by_row(blending, weighted, posture):
     # The references need nothing else of a state.
     state = State(**({name: np.full((1, 1), np.nan) for name in State._fields} | seen))
     q_p, v_p, a_p, q_p_start = rng.normal(size=(4, n_p))
-    nominal, start = rng.normal(size=n), (R_start[None], p_start, q_p_start)
+    nominal = rng.normal(size=n)
+    start = layout.pack(R_start[None], p_start)[: layout.size_x]
+    start = np.concatenate([start, q_p_start])
     s, s_dot, s_ddot = step = (0.4, 1.2, 3.0) if blending else (1.0, 0.0, 0.0)
     K, Kp, Kv, stiffness = 11.0, 130.0, 17.0, 4.0
     found = find_references(
@@ -69,7 +70,7 @@ def test_references_are_put_together_row_by_row(blending, weighted, posture):
             layout.pack(R_d[None], p_d, v_d, a_d),
             np.concatenate([q_p, v_p, a_p]),
             nominal if posture else np.zeros(0),
-            BlendStart(*(x if blending else np.nan * x for x in start)),
+            start if blending else np.nan * start,
             step,
         ),
         layout.rows,
@@ -83,9 +84,7 @@ def test_references_are_put_together_row_by_row(blending, weighted, posture):
     target = layout.unpack(layout.pack(R_d[None], p_d, v_d, a_d))
     np.testing.assert_allclose(found.error, error(target), atol=1e-12)
     if blending:
-        target = blend_tasks(
-            layout.rows, R_start[None], p_start, np.zeros(0), target, step
-        )
+        target = blend_tasks(layout.rows, start, target, step)
         gap = q_p - q_p_start
         q_p, v_p, a_p = (
             q_p_start + s * gap,

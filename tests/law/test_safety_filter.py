@@ -19,8 +19,7 @@ from crar_drake import (
 )
 from crar_drake.errors import InputError, ModelError, ScenarioError
 from crar_drake.judging.referee import Referee
-from crar_drake.law.path_balls import curvature, near_on_way
-from crar_drake.law.shapes import place_ends
+from crar_drake.law.path_balls import curvature, near_on_way, place_ends
 from crar_drake.robot.description import (
     GROUND,
     RobotDescription,

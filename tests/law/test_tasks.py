@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from crar_drake.law.references import find_error
 from crar_drake.law.tasks import (
+    DesiredTasks,
     TaskLayout,
     orientation_error,
     quaternion_from_rotation,
     rotation_from_quaternion,
-    task_error,
 )
 
 KINDS = ("pose", "position", "orientation", "position", "pose")
@@ -114,7 +115,8 @@ def test_task_error_stacks_orientation_above_position(layout):
     rng = np.random.default_rng(5)
     R, R_d = random_rotations(rng, 3), random_rotations(rng, 3)
     p, p_d = rng.normal(size=(4, 3)), rng.normal(size=(4, 3))
-    e = task_error(layout.rows, R, p, R_d, p_d)
+    desired = DesiredTasks(R_d, p_d, np.zeros(layout.m), np.zeros(layout.m))
+    e = find_error(np.zeros(0), R, p, desired, layout.rows)
     angular = [0.5 * np.cross(R[i], R_d[i], axis=0).sum(axis=1) for i in range(3)]
     linear = p_d - p
     expected = np.r_[

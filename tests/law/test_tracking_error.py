@@ -77,7 +77,7 @@ def test_no_error_changes_nothing(nominal):
 
 def test_no_error_takes_more_of_a_distance_than_the_sum_says():
     """Joints of every kind, slides beyond their limits by their error, ..."""
-    shapes = shapes_of_every_joint(shipped("obstacle_arm", ["tool"]).robot_ahead.value)
+    shapes = shapes_of_every_joint(shipped("obstacle_arm", ["tool"]).robot.value)
     rng = np.random.default_rng(3)
     nv = len(shapes.order)
     share = 0.0
@@ -110,10 +110,10 @@ def test_by_hand(joint, of_post, of_base):
         pairs=[["l4", "post"], ["l4", "l0"]],
     )
     radii = [
-        law_of(model, **given)._constraints._robot.value.pairs.value.sizes.radii
+        law_of(model, **given)._constraints._robot.value.pairs.value.radii
         for given in ({}, {"tracking_errors": {joint: 1e-3}})
     ]
-    expected = 1e-3 * np.array(2 * [of_post, of_base])
+    expected = 1e-3 * np.array([of_post, of_base])
     np.testing.assert_allclose(radii[1] - radii[0], expected, atol=1e-12)
 
 

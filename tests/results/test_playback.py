@@ -169,10 +169,10 @@ def test_near_pairs_end_on_the_surfaces(log, page):
     np.testing.assert_allclose(near[shown, 0, 1], 0.01, atol=2**-18)
     model = ControlModel.FromDescription(load_robot_description("upper_body"), TASKS)
     workspace = model.MakeWorkspace()
-    distances = model.evaluate_distances(log.q[100])
+    distances = model.signed_distances(log.q[100])
     _, _, *points = near[32, 0]
     a, b = np.array(points[:3]), np.array(points[3:])
-    assert np.linalg.norm(a - b) == pytest.approx(distances.d[hands], abs=2e-5)
+    assert np.linalg.norm(a - b) == pytest.approx(distances[hands], abs=2e-5)
     # And each on the hull of its own hand.
     plant_context = workspace.plant_context
     model.plant.SetPositions(plant_context, log.q[100])

@@ -105,7 +105,7 @@ def test_distances_are_the_referees_and_their_gradients_differences(
         moved[model.controlled_positions] += by[model.controlled]
         return referee.distances(moved)
 
-    found = model.evaluate_distances(q)
+    found = model.evaluate(model.MakeWorkspace(), q, np.zeros(len(model.order)))
     # SceneGraph's are, but for what its search leaves.
     np.testing.assert_allclose(found.d, apart(np.zeros(nv)), atol=1e-6)
     h = 1e-6

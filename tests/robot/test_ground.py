@@ -66,7 +66,7 @@ def test_the_height_is_that_of_the_lowest_point(shapes) -> None:
             )
         for j in range(model.n):
             sides = [
-                model.evaluate_distances(q + k * step * np.eye(model.n)[j]).d
+                model.signed_distances(q + k * step * np.eye(model.n)[j])
                 for k in (-1.0, 1.0)
             ]
             slope = (sides[1] - sides[0]) / (2.0 * step)

@@ -3,12 +3,12 @@
 import pytest
 
 from crar_drake.errors import ModelError
-from crar_drake.robot.task import joint_tasks, pose_tasks, position_tasks
+from crar_drake.robot.task import joint_tasks, position_tasks
 
 
 @pytest.mark.parametrize(
     "make, more",
-    [(position_tasks, ()), (joint_tasks, (0.5,)), (pose_tasks, (0.2,))],
+    [(position_tasks, ()), (joint_tasks, (0.5,))],
 )
 def test_one_name_is_no_list_of_letters(make, more):
     with pytest.raises(

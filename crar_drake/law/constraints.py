@@ -15,10 +15,11 @@ from crar_drake.law.compilation import hold
 from crar_drake.law.ground import Ground
 from crar_drake.law.limits import Limits
 from crar_drake.law.motors import Motors
-from crar_drake.law.obstacles import ObstacleFilter, Regions
+from crar_drake.law.obstacles import Regions
 from crar_drake.law.pairs import Pairs
 from crar_drake.law.parameters import LEAST_PERIODS, LookaheadParameters
 from crar_drake.law.plausible import fastest_asked
+from crar_drake.law.spheres import MovingSpheres
 from crar_drake.law.step import SCALED, Constraint, State, Step, step
 from crar_drake.law.tracking_error import (
     check_rest_posture,
@@ -92,7 +93,7 @@ class RobotConstraints:
             losses = distance_losses(errors, reaches)
             check_rest_posture(robot, losses, gains.safety_distance, model)
             robot = thickened(robot, losses)
-        self._robot, self._approach = robot, approach
+        self._approach = approach
         self.pairs = Pairs(
             *(robot, hold(reaches), find_balls(model, losses)),
             [model.pairs.names[i] for i in model.pairs.pair_of_shapes],
@@ -129,15 +130,13 @@ class RobotConstraints:
             each.examine(state, state.whole(state.nominal), True)
 
     @cached_property
-    def among(self) -> ObstacleFilter:
+    def among(self) -> MovingSpheres:
         """What keeps links from obstacles that move.
 
         Raises:
             ScenarioError: a parameter does not go with them.
         """
-        return ObstacleFilter(
-            self.model, self._gains, self._approach, self._robot, self.T
-        )
+        return MovingSpheres(self.model, self._gains, self._approach, self.T)
 
     def state(
         self,
@@ -218,10 +217,10 @@ class RobotConstraints:
             return found, Braking(state.T, self.pairs.present_is_clear)
         if state.T != self.T:  # over which alone anything is shown of obstacles
             regions = replace(regions, clear=np.zeros_like(regions.clear))
-        spheres = self.among.place(regions)
-        found = step(state, [*self.all, spheres])
+        self.among.place(regions)
+        found = step(state, [*self.all, self.among])
         unknown = state.T != self.T or (found.how == SCALED and found.share == 0.0)
-        later = regions.later(self.period, spheres.clear_after(unknown))
+        later = regions.later(self.period, self.among.clear_after(unknown))
         return found, Braking(state.T, self.pairs.present_is_clear, later)
 
     def clearance(self, found: Step) -> float:

@@ -23,7 +23,7 @@ from crar_drake.law.constraints import Braking, RobotConstraints
 from crar_drake.law.lateness import LATEST, Lateness, watch_lateness
 from crar_drake.law.motors import Motors, clip_torque, share_of_nominal
 from crar_drake.law.nominal import Nominal, TaskLaw
-from crar_drake.law.obstacles import ObstacleFilter, Obstacles
+from crar_drake.law.obstacles import Obstacles
 from crar_drake.law.paper import Gains, PaperLaw
 from crar_drake.law.parameters import LookaheadParameters, PaperGains, Parameters
 from crar_drake.law.plan import Plan, make_preview, posture_near_limits
@@ -40,6 +40,7 @@ from crar_drake.law.records import (
     check_finite,
 )
 from crar_drake.law.references import Targets, TaskGains
+from crar_drake.law.spheres import MovingSpheres
 from crar_drake.law.step import AS_NOMINAL, State, Step, step
 from crar_drake.law.vectors import is_finite
 from crar_drake.robot.model import ControlModel
@@ -148,7 +149,7 @@ class ControlLaw:
         self.reset()
 
     @cached_property
-    def among(self) -> ObstacleFilter:
+    def among(self) -> MovingSpheres:
         """What keeps the robot from obstacles that move.
 
         Raises:

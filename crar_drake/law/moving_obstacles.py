@@ -1,4 +1,4 @@
-"""Spheres that move by themselves, of bounded speed: (M1), (M2) of
+"""Spheres that move by themselves, of bounded speed: (M1), (M2), (M5) of
 `docs/theory/moving-obstacles.md`.
 
 The links of a robot are kept at the floor and what a sphere can come nearer meanwhile,
@@ -23,40 +23,40 @@ from crar_drake.law.approach import (
     pair_margins,
     pair_rates,
 )
+from crar_drake.law.collisions import distance_gradient_about_origin
 from crar_drake.law.compilation import Held, compiled
-from crar_drake.law.kinematics import (
-    Robot,
-    joint_motion,
-    link_poses,
-    place_points,
-)
+from crar_drake.law.kinematics import joint_motion, link_poses, place_points
 from crar_drake.law.path_balls import least_length
-from crar_drake.law.vectors import times
+from crar_drake.law.vectors import cross, dot, times
 
-# A line is halved so often before a link that is not shown to be clear counts as not;
-# as `admission` has it.
-_HALVINGS = 7
-# Where a state is not clear, the smallest distance on its braking path is looked for
-# at so many places.
-_PLACES = 9
+# A line is halved so often before a link that is not shown to be clear counts as not,
+# and one that is known not to be has its worst place found: as `admission` has it.
+_HALVINGS, _SEARCHED = 7, 4
+# So fast a link may still go where it begins to evade who comes [m/s].
+_FAST = 1.0
+
+# What is kept of a sphere: besides what it can come nearer; and of it as it is now.
+MOVING, STILL = 0, 1
 
 
 class Links(NamedTuple):
     """L moving links with S shapes; made by `robot.watched_links`."""
 
-    # (P, 4) of `place_points`: the joints' axes, as in `joint_motion`; the balls'
-    # centres; where the shapes' axes start; and from there to their ends
+    tree: Held  # of the robot's `Tree`
+    positions: np.ndarray  # (nv,) of its joints in the plant's order
+    # (P, 4) of `place_points`: the joints' axes, as in `joint_motion`; where the axes
+    # of shapes start; and from there to their ends
     selection: np.ndarray
     first: np.ndarray  # (P,) of `place_points` as well
-    radius: np.ndarray  # (L,) of the balls about the links' shapes [m]
     shapes: np.ndarray  # (L + 1,) where the shapes of each link begin, and all end
     radii: np.ndarray  # (S,) of the shapes [m]
-    reach: np.ndarray  # (L, nv) rho in the world, of all axes and centres [m/rad, 1]
+    balls: np.ndarray  # (S,) and of the balls about them
+    # (L, nv) rho in the world, of all axes, slides at zero [m/rad, 1]
+    reach: np.ndarray
     turned: np.ndarray  # (L, nv) what is added to that for the surface: the radius
     carried: np.ndarray  # (L, nv) 1 where the joint moves the link
     above: np.ndarray  # (nv, nv) 1 where joint j carries joint i, i = j not included
     slides: np.ndarray  # (K,) the joints that slide between a turn and a shape
-    extents: np.ndarray  # (K,) how far from zero they are at most [m]
     by: np.ndarray  # (K, L, nv) what a metre of each adds to `reach` [1/rad]
 
 
@@ -69,65 +69,41 @@ class Spheres(NamedTuple):
 
 
 class Passing(NamedTuple):
-    """The numbers of (M1) and (M2); made by `passing`."""
+    """The numbers of (M1), (M2) and (M5); made by `passing`."""
 
-    T: float  # braking horizon [s]
+    T: float  # braking time constant [s]
     period: float  # of the filter [s]
     floor: float  # d_0 [m]
     harmless: float  # v_ok [m/s]
     kappa: float  # also the share of the speed that a period of braking leaves
     T_star: float  # [s]
     eta: float  # [s]
+    lead: float  # tau of (M5): who comes counts as nearer by what it comes in that [s]
 
 
-class Evasion(NamedTuple):
-    """The numbers of (M5)."""
-
-    rate: float  # alpha, how fast what is left of a distance is used up at most [1/s]
-    lead: float  # tau, who comes counts as nearer by what it comes in so long [s]
-    weight: float  # w, of what rows lack, beside the change of joints [1/m^2]
-
-
-class WorldLaw(NamedTuple):
+class World(NamedTuple):
     """All that stays from step to step."""
 
-    links: Held  # of `Links`
+    links: Links
     numbers: Passing
-    evasion: Evasion
-
-
-class Moving(NamedTuple):
-    """N spheres that are evaded, as they are and as they move."""
-
-    spheres: Spheres  # with d_e, which they are kept at, in their radii
-    velocity: np.ndarray  # (N, 3) of their centres [m/s]
 
 
 class Line(NamedTuple):
-    """A braking path, from q or from where a command leads, with the way there."""
+    """A braking path, from q or from where a command leads, with the way there; made by
+    `line_of`."""
 
     start: np.ndarray  # (nv,) q
     x: np.ndarray  # (nv,) to its end
     before: float  # how long the robot is on the way [s]
+    lasts: float  # all of it, at the speed that it begins with [s]
 
 
-class Levels(NamedTuple):
-    """What each link is to keep of each sphere, (L, N) [m]."""
+class Placed(NamedTuple):
+    """Where links are, in W."""
 
-    moving: np.ndarray  # besides what the sphere can come nearer
-    still: np.ndarray  # of the sphere as it is
-
-
-class Found(NamedTuple):
-    """What is found of a line."""
-
-    clear: bool  # whether every link keeps its levels
-    # no distance is smaller, less what a sphere can come nearer meanwhile, if it is
-    # clear [m]
-    clearance: float
-    link: int  # which is farthest below its level, -1 if none is
-    sphere: int  # of which sphere
-    failed: np.ndarray  # (L, N) bool, what is not clear; if looked at quickly, some
+    S: np.ndarray  # (6, nv) `joint_motion`
+    start: np.ndarray  # (S, 3) where the axes of shapes start [m]
+    vector: np.ndarray  # (S, 3) from there to their ends [m]
 
 
 def passing(T: float, period: float, floor: float, harmless: float) -> Passing:
@@ -138,7 +114,7 @@ def passing(T: float, period: float, floor: float, harmless: float) -> Passing:
     where tau = T - T*.
 
     Args:
-        T: braking horizon [s].
+        T: braking time constant [s].
         period: of the filter, less than T [s].
         floor: d_0 [m].
         harmless: v_ok, positive [m/s].
@@ -146,19 +122,41 @@ def passing(T: float, period: float, floor: float, harmless: float) -> Passing:
     kappa = 1.0 - period / T
     T_star = -period / np.log(kappa)
     eta = max(T - T_star + T_star * np.log(T_star / T), 0.0)
-    return Passing(T, period, floor, harmless, kappa, float(T_star), float(eta))
+    slows = T_star * np.log(_FAST / (kappa * min(harmless, _FAST)))  # to v_ok
+    of = T, period, floor, harmless, kappa, float(T_star), float(eta)
+    return Passing(*of, float(eta + slows))
+
+
+@compiled
+def line_of(q: np.ndarray, v: np.ndarray, before: float, numbers: Passing) -> Line:
+    """The present braking path of a state (nv,), (nv,); or, with the period before it,
+    the way of a command of the velocity v with its braking path."""
+    return Line(q, (before + numbers.T) * v, before, before + numbers.T)
 
 
 @compiled
 def own_reach(line: Line, links: Links) -> np.ndarray:
-    """`Links.reach` that holds on a line: longer where slides leave their extents."""
+    """(L, nv) rho that holds on a line, for where slides are there."""
     reach = links.reach
     for k in range(len(links.slides)):
         j = links.slides[k]
         far = max(abs(line.start[j]), abs(line.start[j] + line.x[j]))
-        if far > links.extents[k]:
-            reach = reach + (far - links.extents[k]) * links.by[k]
+        reach = reach + far * links.by[k]
     return reach
+
+
+@compiled
+def surface_speeds(line: Line, links: Links) -> np.ndarray:
+    """sigma: no point of a link's surface is faster where a line begins, (L,) [m/s]."""
+    return times(own_reach(line, links) + links.turned, np.abs(line.x)) / line.lasts
+
+
+@compiled
+def path_curvature(line: Line, links: Links) -> np.ndarray:
+    """The largest acceleration of the links on a line, (A3) in the world; (L,) [m]."""
+    speed = np.abs(line.x)
+    of_joints = speed * (speed + 2.0 * times(links.above, speed))
+    return times(own_reach(line, links), of_joints)
 
 
 @compiled
@@ -177,45 +175,51 @@ def braking_time(t: float, before: float, numbers: Passing) -> float:
 
 @compiled
 def last_times(
-    line: Line, reach: np.ndarray, links: Links, numbers: Passing
-) -> np.ndarray:
-    """(L,) until when on a line each link is faster than v_ok, in seconds as of
-    `braking_time`; negative if it never is."""
-    speed = times(reach + links.turned, np.abs(line.x)) / (line.before + numbers.T)
-    last = np.full(len(speed), -1.0)
+    line: Line, links: Links, numbers: Passing
+) -> tuple[np.ndarray, np.ndarray]:
+    """Until where on a line each link is faster than v_ok, (L,) in [0, 1], negative if
+    it never is; and how long after now the robot is there at most, (L,) [s]."""
+    speed, harmless = surface_speeds(line, links), numbers.kappa * numbers.harmless
+    last, seconds = np.full(len(speed), -1.0), np.zeros(len(speed))
     for i in range(len(speed)):
-        harmless = numbers.kappa * numbers.harmless
         # A speed that is none (NaN) is not harmless, and no distance will be enough.
         if not speed[i] <= harmless:
             u = numbers.kappa * (1.0 - harmless / speed[i])
-            last[i] = line.before + numbers.T * u
-    return last
+            t = line.before + numbers.T * u
+            last[i] = t / line.lasts
+            seconds[i] = braking_time(t, line.before, numbers)
+    return last, seconds
 
 
 @compiled
-def place_links(q: np.ndarray, r: Robot, links: Links) -> np.ndarray:
-    """(P, 3) of `Links.selection` in W, of a robot at q (nv,), in its order."""
-    tree, in_plant = r.tree.value, np.empty((1, len(q)))
+def place_links(q: np.ndarray, links: Links) -> Placed:
+    """Where links are at q (nv,)."""
+    tree, in_plant = links.tree.value, np.empty((1, len(q)))
     for i in range(len(q)):
-        in_plant[0, r.positions[i]] = q[i]
+        in_plant[0, links.positions[i]] = q[i]
     X = link_poses(in_plant, tree, tree.every)
-    return place_points(X, links.selection, links.first)[0]
+    at = place_points(X, links.selection, links.first)[0]
+    start = 3 * len(q)
+    vector = start + len(links.radii)
+    S = joint_motion(at[:start].reshape(1, -1, 3))[0]
+    return Placed(S, at[start:vector], at[vector:])
 
 
 @compiled
 def links_near(
-    start: np.ndarray,
-    end: np.ndarray,
+    begin: Placed,
+    end: Placed,
     bend: np.ndarray,
     seconds: np.ndarray,
     enough: float,
     spheres: Spheres,
     links: Links,
 ) -> tuple[np.ndarray, float]:
-    """The links and spheres that are not shown to keep a distance on a line.
+    """The links and spheres that are not shown to keep a distance on a line, by balls
+    about the links' shapes.
 
     Args:
-        start, end: (L, 3), (L, 3) the centres of the links' balls [m].
+        begin, end: where links are where the line begins and ends.
         bend: (L,) how far each link may be off its chord [m].
         seconds: (L,) that spheres have to come nearer.
         enough: the distance besides [m].
@@ -224,84 +228,27 @@ def links_near(
         (k, 2) links and spheres; no distance of the others is smaller, less what the
         spheres come nearer [m].
     """
-    L, N = len(start), len(spheres.radius)
+    L, N = len(bend), len(spheres.radius)
     found, count, low = np.empty((L * N, 2), dtype=np.int64), 0, np.inf
-    # One ball about all links on the whole line.
-    middle = np.zeros(3)
-    for c in range(3):
-        lowest, highest = np.inf, -np.inf
-        for i in range(L):
-            lowest = min(lowest, min(start[i, c], end[i, c]))
-            highest = max(highest, max(start[i, c], end[i, c]))
-        middle[c] = 0.5 * (lowest + highest)
-    around, longest = 0.0, 0.0
+    middle = begin.start + 0.5 * begin.vector
+    way = end.start + 0.5 * end.vector - middle
     for i in range(L):
-        a = b = 0.0
-        for c in range(3):
-            a += (start[i, c] - middle[c]) ** 2
-            b += (end[i, c] - middle[c]) ** 2
-        size = links.radius[i] + bend[i]
-        around = max(around, np.sqrt(max(a, b)) + size)
-        longest = max(longest, seconds[i])
-    for k in range(N):
-        x = spheres.centre[k, 0] - middle[0]
-        y = spheres.centre[k, 1] - middle[1]
-        z = spheres.centre[k, 2] - middle[2]
-        r, V = spheres.radius[k], spheres.speed[k]
-        apart = np.sqrt(x * x + y * y + z * z) - around - r - V * longest
-        if apart >= enough:
-            low = min(low, apart)
-            continue
-        for i in range(L):
-            x = start[i, 0] - spheres.centre[k, 0]
-            y = start[i, 1] - spheres.centre[k, 1]
-            z = start[i, 2] - spheres.centre[k, 2]
-            u, v = end[i, 0] - start[i, 0], end[i, 1] - start[i, 1]
-            w = end[i, 2] - start[i, 2]
-            apart = least_length(x, y, z, u, v, w) - links.radius[i] - bend[i]
-            apart = apart - r - V * seconds[i]
+        for o in range(N):
+            a, b, c = spheres.centre[o, 0], spheres.centre[o, 1], spheres.centre[o, 2]
+            apart = np.inf
+            for shape in range(links.shapes[i], links.shapes[i + 1]):
+                x, y, z = middle[shape, 0], middle[shape, 1], middle[shape, 2]
+                u, v, w = way[shape, 0], way[shape, 1], way[shape, 2]
+                far = least_length(x - a, y - b, z - c, u, v, w) - links.balls[shape]
+                apart = np.minimum(apart, far)
+            apart -= bend[i] + spheres.radius[o] + spheres.speed[o] * seconds[i]
             # A bound that is none (NaN) shows nothing.
             if apart >= enough:
                 low = min(low, apart)
                 continue
-            found[count, 0], found[count, 1] = i, k
+            found[count, 0], found[count, 1] = i, o
             count += 1
     return found[:count], low
-
-
-@compiled
-def path_curvature(line: Line, reach: np.ndarray, links: Links) -> np.ndarray:
-    """The largest acceleration of the links on a line, (A3) in the world; (L,) [m]."""
-    speed = np.abs(line.x)
-    return times(reach, speed * (speed + 2.0 * times(links.above, speed)))
-
-
-@compiled
-def near_line(
-    line: Line,
-    last: np.ndarray,
-    reach: np.ndarray,
-    spheres: Spheres,
-    r: Robot,
-    law: Held,
-) -> tuple[np.ndarray, float]:
-    """`links_near` of a line, to the floor.
-
-    Args:
-        last: (L,) `last_times`.
-        reach: (L, nv) `own_reach`.
-        law: holds `WorldLaw`.
-    """
-    links, numbers = law.value.links.value, law.value.numbers
-    axes, L = 3 * links.reach.shape[1], len(links.radius)
-    start = place_links(line.start, r, links)[axes : axes + L]
-    end = place_links(line.start + line.x, r, links)[axes : axes + L]
-    bend = 0.125 * path_curvature(line, reach, links)
-    seconds = np.zeros(L)
-    for i in range(L):
-        if not last[i] < 0.0:
-            seconds[i] = braking_time(last[i], line.before, numbers)
-    return links_near(start, end, bend, seconds, numbers.floor, spheres, links)
 
 
 @compiled
@@ -311,31 +258,52 @@ def nearest_to(p: np.ndarray, u: np.ndarray, c: np.ndarray) -> tuple[np.ndarray,
     Returns:
         (3,) the unit normal from the point to the segment; their distance [m].
     """
-    uu = ur = 0.0
-    for i in range(3):
-        uu += u[i] * u[i]
-        ur += u[i] * (p[i] - c[i])
-    s = 0.0
+    uu, share = dot(u, u), 0.0
     if uu > 0.0:
-        s = min(max(-ur / uu, 0.0), 1.0)
-    n, far = np.empty(3), 0.0
-    for i in range(3):
-        n[i] = p[i] + s * u[i] - c[i]
-        far += n[i] * n[i]
-    far = np.sqrt(far)
+        share = min(max(dot(u, c - p) / uu, 0.0), 1.0)
+    n = p + share * u - c
+    far = np.sqrt(dot(n, n))
     if far < 1e-12:
-        n[0], n[1], n[2] = 0.0, 0.0, 1.0  # any bounds the distance from below
-    else:
-        for i in range(3):
-            n[i] /= far
-    return n, far
+        return np.array([0.0, 0.0, 1.0]), far  # any bounds the distance from below
+    return n / far, far
+
+
+@compiled
+def link_gaps(
+    i: int,
+    o: int,
+    by: np.ndarray,
+    at: Placed,
+    x: np.ndarray,
+    spheres: Spheres,
+    links: Links,
+) -> np.ndarray:
+    """(A4): how far a link is from a sphere at least, to the first order, (k,) [m].
+
+    By the shadows of its shapes on the directions in which they are nearest to the
+    sphere's centre.
+
+    Args:
+        by: (k,) how much farther on a line, in shares of it; at 0 it is the distance.
+        x: (nv,) what each joint moves on the line.
+    """
+    twist, gaps = times(at.S, x * links.carried[i]), np.full(len(by), np.inf)
+    for shape in range(links.shapes[i], links.shapes[i + 1]):
+        p, u = at.start[shape], at.vector[shape]
+        n, _ = nearest_to(p, u, spheres.centre[o])
+        for end in (p, p + u):
+            gap = dot(n, end - spheres.centre[o])
+            gap -= links.radii[shape] + spheres.radius[o]
+            rate = dot(n, twist[3:] + cross(twist[:3], end))
+            gaps = np.minimum(gaps, gap + rate * by)
+    return gaps
 
 
 @compiled
 def line_bounds(
-    line: Line, levels: Levels, quick: bool, spheres: Spheres, r: Robot, law: Held
-) -> Found:
-    """(M2) on a whole line: whether links keep their levels of spheres.
+    line: Line, keep: np.ndarray, quick: bool, spheres: Spheres, world: Held
+) -> tuple[np.ndarray, float]:
+    """(M2) on a whole line: what links lack of what they are to keep of spheres.
 
     As `admission.path_bounds`: the gap of two shadows on a fixed direction is concave
     along the line, to the first order, and V t is convex. So in a part of the line it
@@ -346,236 +314,93 @@ def line_bounds(
 
     Args:
         line: the way and the braking path.
+        keep: (2, L, N) MOVING what each link is to keep of each sphere besides what
+            that can come nearer, and STILL of the sphere as it is [m]; minus infinite
+            for nothing.
         quick: whether one that fails is enough to know.
-        law: holds `WorldLaw`.
+        world: holds `World`.
+
+    Returns:
+        (2, L, N) how far below that it comes, to the first order, 0 where it is shown
+        to keep it; infinite where a distance is none (NaN) [m]. No distance is smaller,
+        less what a sphere can come nearer meanwhile, if nothing is lacking [m].
     """
-    links, numbers = law.value.links.value, law.value.numbers
-    reach = own_reach(line, links)
-    last = last_times(line, reach, links, numbers)
-    near, clearance = near_line(line, last, reach, spheres, r, law)
-    L, N, nv = len(links.radius), len(spheres.radius), len(line.x)
-    failed = np.zeros((L, N), dtype=np.bool_)
-    if not len(near):
-        return Found(True, clearance, -1, -1, failed)
-    lasts = line.before + numbers.T  # seconds at the speed that it begins with
-    curvature = path_curvature(line, reach, links)
-    count = 0
-    for k in range(len(near)):
-        count += links.shapes[near[k, 0] + 1] - links.shapes[near[k, 0]]
-    item = np.empty((count, 3), dtype=np.int64)
-    count = 0
-    for k in range(len(near)):
-        for shape in range(links.shapes[near[k, 0]], links.shapes[near[k, 0] + 1]):
-            item[count, 0], item[count, 1] = near[k, 0], near[k, 1]
-            item[count, 2] = shape
-            count += 1
-    link, sphere, most = -1, -1, -np.inf
-    open_ = np.ones((1, count), dtype=np.bool_)
-    w, placed = np.zeros((L, 6)), np.zeros(L, dtype=np.bool_)
+    links, numbers = world.value.links, world.value.numbers
+    curvature = path_curvature(line, links)
+    last, seconds = last_times(line, links, numbers)
+    begins = place_links(line.start, links)
+    ends = place_links(line.start + line.x, links)
+    of = 0.125 * curvature, seconds, numbers.floor, spheres, links
+    near, clearance = links_near(begins, ends, *of)
+    lacks, open_ = np.zeros(keep.shape), np.ones((1, 2 * len(near)), dtype=np.bool_)
     for halving in range(_HALVINGS + 1):
-        parts, half = len(open_), 0.5 / len(open_)
-        below = np.zeros((2 * parts, count), dtype=np.bool_)
-        remain = False
-        for part in range(parts):
+        half = 0.5 / len(open_)
+        below = np.zeros((2 * len(open_), 2 * len(near)), dtype=np.bool_)
+        for part in range(len(open_)):
             if not open_[part].any():
                 continue
             middle = (2 * part + 1) * half
-            at = place_links(line.start + middle * line.x, r, links)
-            S = joint_motion(at[: 3 * nv].reshape(1, -1, 3))[0]
-            placed[:] = False
-            for k in range(count):
-                if not open_[part, k]:
+            at = place_links(line.start + middle * line.x, links)
+            for row in np.flatnonzero(open_[part]):
+                i, o, kind = near[row // 2, 0], near[row // 2, 1], row % 2
+                level, begin, end = keep[kind, i, o], middle - half, middle + half
+                if level < numbers.floor:
+                    begin = max(begin, line.before / line.lasts)
+                if kind == MOVING:
+                    end = min(end, last[i])
+                if level == -np.inf or begin > end:
                     continue
-                i, o, shape = item[k, 0], item[k, 1], item[k, 2]
-                if not placed[i]:
-                    placed[i] = True
-                    for c in range(6):
-                        w[i, c] = 0.0
-                        for j in range(nv):
-                            w[i, c] += S[c, j] * line.x[j] * links.carried[i, j]
-                p, u = at[3 * nv + L + shape], at[3 * nv + L + len(links.radii) + shape]
-                centre, speed = spheres.centre[o], spheres.speed[o]
-                n, far = nearest_to(p, u, centre)
-                thick = links.radii[shape] + spheres.radius[o]
-                start = along = moves = turns = 0.0
-                for c in range(3):
-                    d, e = (c + 1) % 3, (c + 2) % 3
-                    start += n[c] * (p[c] - centre[c])
-                    along += n[c] * u[c]
-                    spin = w[i, d] * p[e] - w[i, e] * p[d]
-                    moves += n[c] * (w[i, 3 + c] + spin)
-                    turns += n[c] * (w[i, d] * u[e] - w[i, e] * u[d])
-                off = thick + 0.5 * half * half * curvature[i]
-                low, high = middle - half, middle + half
-                # What is not clear now is asked from where the way ends.
-                begin, rest = low, low
-                if levels.moving[i, o] < numbers.floor:
-                    begin = max(low, line.before / lasts)
-                if levels.still[i, o] < numbers.floor:
-                    rest = max(low, line.before / lasts)
-                stop = min(high, last[i] / lasts)
-                good, needed, bound = True, -np.inf, np.inf
-                if not last[i] < 0.0 and not begin > stop:
-                    for t in (begin, stop):
-                        by = t - middle
-                        gap = min(
-                            start + by * moves, start + along + by * (moves + turns)
-                        )
-                        came = speed * braking_time(t * lasts, line.before, numbers)
-                        left = gap - off - came
-                        bound = min(bound, left)
-                        good = good and left >= levels.moving[i, o] - ROUNDING
-                    t = min(max(middle, begin), stop)
-                    came = speed * braking_time(t * lasts, line.before, numbers)
-                    if begin <= middle <= stop:
-                        needed = levels.moving[i, o] + came
-                if rest < high:
-                    for t in (rest, high):
-                        by = t - middle
-                        gap = min(
-                            start + by * moves, start + along + by * (moves + turns)
-                        )
-                        bound = min(bound, gap - off)
-                        good = good and gap - off >= levels.still[i, o] - ROUNDING
-                    if rest <= middle:
-                        needed = max(needed, levels.still[i, o])
-                if good:
-                    clearance = min(clearance, bound)
-                    continue
-                lacks = needed - (far - thick)
+                by = np.array([begin - middle, end - middle, 0.0])
+                left = link_gaps(i, o, by, at, line.x, spheres, links)
+                for k in range(3 if kind == MOVING else 0):
+                    t = (middle + by[k]) * line.lasts
+                    left[k] -= spheres.speed[o] * braking_time(t, line.before, numbers)
+                least = np.minimum(left[0], left[1])
+                low = least - 0.5 * half * half * curvature[i]
                 # A distance that is none (NaN) is not clear.
-                if not lacks <= 0.0 or halving == _HALVINGS:
-                    if quick:
-                        failed[i, o] = True
-                        return Found(False, clearance, i, o, failed)
-                    lacks = max(lacks, 0.0) if lacks == lacks else np.inf
-                    if lacks > most:
-                        link, sphere, most = i, o, lacks
-                    failed[i, o] = True
+                if low >= level - ROUNDING:
+                    clearance = min(clearance, low)
                     continue
-                below[2 * part, k], below[2 * part + 1, k] = True, True
-                remain = True
-        if not remain:
-            break
-        # Of what is known to fail, nothing else is asked.
-        for k in range(count):
-            if failed[item[k, 0], item[k, 1]]:
-                below[:, k] = False
+                fails = begin <= middle <= end and not left[2] >= level - ROUNDING
+                if halving == _HALVINGS or fails and (quick or halving >= _SEARCHED):
+                    lack = max(level - least, ROUNDING) if least == least else np.inf
+                    lacks[kind, i, o] = max(lacks[kind, i, o], lack)
+                    if quick:
+                        return lacks, clearance
+                else:
+                    below[2 * part, row] = below[2 * part + 1, row] = True
         open_ = below
-    return Found(link < 0, clearance, link, sphere, failed)
+        if not open_.any():
+            break
+    return lacks, clearance
 
 
 @compiled
-def floors(spheres: Spheres, law: Held) -> Levels:
-    """The floor for all links and spheres."""
-    L = len(law.value.links.value.radius)
-    floor = np.full((L, len(spheres.radius)), law.value.numbers.floor)
-    return Levels(floor, floor)
-
-
-@compiled
-def braking_line(q: np.ndarray, v: np.ndarray, law: Held) -> Line:
-    """The present braking path."""
-    return Line(q, law.value.numbers.T * v, 0.0)
-
-
-@compiled
-def command_line(q: np.ndarray, v_next: np.ndarray, law: Held) -> Line:
-    """The way of a command of the velocity v_next (n,), and its braking path."""
-    numbers = law.value.numbers
-    return Line(q, (numbers.period + numbers.T) * v_next, numbers.period)
-
-
-@compiled
-def are_clear(
-    q: np.ndarray, v: np.ndarray, spheres: Spheres, robot: Held, law: Held
-) -> np.ndarray:
-    """(N,) bool, of which spheres the state (n,), (n,) is shown to be clear: (M2)."""
-    line, levels = braking_line(q, v, law), floors(spheres, law)
-    # How near it is now, and where it rests, is no part of (M2).
-    levels = Levels(levels.moving, np.full(levels.still.shape, -np.inf))
-    failed = line_bounds(line, levels, False, spheres, robot.value, law).failed
-    clear = np.ones(len(spheres.radius), dtype=np.bool_)
-    for i in range(failed.shape[0]):
-        for k in range(failed.shape[1]):
-            clear[k] = clear[k] and not failed[i, k]
-    return clear
-
-
-@compiled
-def present_levels(
-    line: Line, clear: np.ndarray, spheres: Spheres, r: Robot, law: Held
-) -> Levels:
-    """What links are to keep: the floor; where they do not on the present braking path,
-    the smallest distance there, less what the sphere comes nearer until then.
+def link_distances(
+    at: Placed, near: np.ndarray, spheres: Spheres, links: Links
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The distances of links' nearest shapes from spheres, and how joints change them.
 
     Args:
-        clear: (N,) bool, of which spheres the state is known to be clear.
-        law: holds `WorldLaw`.
-    """
-    links, numbers = law.value.links.value, law.value.numbers
-    L, S, nv = len(links.radius), len(links.radii), len(line.x)
-    reach = own_reach(line, links)
-    last = last_times(line, reach, links, numbers)
-    asked = last.copy()
-    if clear.all():
-        asked[:] = -1.0
-    near, _ = near_line(line, asked, reach, spheres, r, law)
-    floor = numbers.floor
-    moving = np.full((L, len(spheres.radius)), floor)
-    still = moving.copy()
-    if not len(near):
-        return Levels(moving, still)
-    for place in range(_PLACES):
-        t = place / (_PLACES - 1)
-        at = place_links(line.start + t * line.x, r, links)
-        for k in range(len(near)):
-            i, o = near[k, 0], near[k, 1]
-            for shape in range(links.shapes[i], links.shapes[i + 1]):
-                p, u = at[3 * nv + L + shape], at[3 * nv + L + S + shape]
-                _, far = nearest_to(p, u, spheres.centre[o])
-                d = far - links.radii[shape] - spheres.radius[o]
-                still[i, o] = min(still[i, o], d)
-                if not clear[o] and t * numbers.T <= last[i]:
-                    came = braking_time(t * numbers.T, 0.0, numbers)
-                    moving[i, o] = min(moving[i, o], d - spheres.speed[o] * came)
-    return Levels(moving, still)
-
-
-@compiled
-def link_gradient(
-    i: int, o: int, at: np.ndarray, S: np.ndarray, spheres: Spheres, links: Links
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """The distance of a link from a sphere, and how the joints change it.
-
-    Args:
-        at: (P, 3) of `place_links` [m].
-        S: (6, n) of `joint_motion` there.
+        near: (k, 2) links and spheres.
 
     Returns:
-        The distance of the nearest shape [m]; (n,) its gradient; (3,) the unit normal
-        from the sphere to it.
+        (k,) distances [m]; (k, nv) their gradients; (k, 3) unit normals, from the
+        spheres to the links.
     """
-    L, n = len(links.radius), S.shape[1]
-    best, normal = np.inf, np.zeros(3)
-    for shape in range(links.shapes[i], links.shapes[i + 1]):
-        p, u = at[3 * n + L + shape], at[3 * n + L + len(links.radii) + shape]
-        n_here, far = nearest_to(p, u, spheres.centre[o])
-        if far - links.radii[shape] < best:
-            best, normal = far - links.radii[shape], n_here
+    d, n = np.full(len(near), np.inf), np.zeros((len(near), 3))
+    for k in range(len(near)):
+        i, o = near[k, 0], near[k, 1]
+        for shape in range(links.shapes[i], links.shapes[i + 1]):
+            p, u = at.start[shape], at.vector[shape]
+            normal, far = nearest_to(p, u, spheres.centre[o])
+            far -= links.radii[shape] + spheres.radius[o]
+            if far < d[k]:
+                d[k], n[k] = far, normal
     # The line of the shortest distance passes the centre: so does the force.
-    x, y, z = spheres.centre[o, 0], spheres.centre[o, 1], spheres.centre[o, 2]
-    moment = (
-        y * normal[2] - z * normal[1],
-        z * normal[0] - x * normal[2],
-        x * normal[1] - y * normal[0],
-    )
-    g = np.zeros(n)
-    for j in range(n):
-        if links.carried[i, j] != 0.0:
-            for c in range(3):
-                g[j] += moment[c] * S[c, j] + normal[c] * S[3 + c, j]
-    return best - spheres.radius[o], g, normal
+    centre, moves = spheres.centre[near[:, 1]], links.carried[near[:, 0]]
+    S = at.S.reshape(1, 6, -1)
+    return d, distance_gradient_about_origin(n, centre, S, moves)[0], n
 
 
 @compiled
@@ -585,8 +410,7 @@ def sphere_rows(
     s_0: np.ndarray,
     spheres: Spheres,
     approach: Approach,
-    r: Robot,
-    law: Held,
+    world: Held,
 ) -> tuple[np.ndarray, np.ndarray]:
     """g (C, n), least (C,): the rows (L3), (L4) of the spheres that s_0 could bring
     links to.
@@ -597,90 +421,67 @@ def sphere_rows(
     Args:
         q, v: (n,), (n,) state.
         s_0: (n,) the nominal velocity.
-        law: holds `WorldLaw`.
+        world: holds `World`.
     """
-    links, numbers, n = law.value.links.value, law.value.numbers, len(q)
-    line = braking_line(q, v, law)
-    reach = own_reach(line, links)
-    L = len(links.radius)
-    here = place_links(q, r, links)
-    there = place_links(q + line.x, r, links)
+    links, numbers = world.value.links, world.value.numbers
+    line = line_of(q, v, 0.0, numbers)
+    here, there = place_links(q, links), place_links(q + line.x, links)
     # A row binds at h = d_min + (drift - g s) / approach_rate.
-    ahead = (times(reach, np.abs(s_0)) + numbers.harmless) / approach.approach_rate
-    ahead = np.minimum(ahead, approach.influence_distance - approach.distance_margin)
-    bend = 0.125 * path_curvature(line, reach, links) + ahead
-    near, _ = links_near(
-        here[3 * n : 3 * n + L],
-        there[3 * n : 3 * n + L],
-        bend,
-        np.zeros(L),
-        approach.distance_margin,
-        spheres,
-        links,
-    )
-    d, g = np.zeros((2, len(near))), np.zeros((2, len(near), n))
-    drift = np.zeros(2 * len(near))
-    for end in range(2):
-        at = here if end == 0 else there
-        S_world = joint_motion(at[: 3 * n].reshape(1, -1, 3))[0]
-        for k in range(len(near)):
-            i, o = near[k, 0], near[k, 1]
-            d[end, k], g[end, k], _ = link_gradient(i, o, at, S_world, spheres, links)
-            drift[end * len(near) + k] = -min(spheres.speed[o], numbers.harmless)
+    ahead = times(own_reach(line, links), np.abs(s_0)) + numbers.harmless
+    most = approach.influence_distance - approach.distance_margin
+    bend = 0.125 * path_curvature(line, links)
+    bend += np.minimum(ahead / approach.approach_rate, most)
+    of = bend, 0.0 * bend, approach.distance_margin, spheres, links
+    near, _ = links_near(here, there, *of)
+    d, g = np.empty((2, len(near))), np.empty((2, len(near), len(q)))
+    d[0], g[0], _ = link_distances(here, near, spheres, links)
+    d[1], g[1], _ = link_distances(there, near, spheres, links)
     h = pair_margins(d, g, v, numbers.T)
+    drift = np.minimum(spheres.speed[near[:, 1]], numbers.harmless)
+    least = pair_rates(h, approach) + np.concatenate((drift, drift))
+    least -= margin_curvature(g, v)
     some = np.flatnonzero(h < approach.influence_distance)
-    least = pair_rates(h, approach) - drift - margin_curvature(g, v)
-    return g.reshape(len(h), n)[some], least[some]
+    return g.reshape(len(h), len(q))[some], least[some]
 
 
 @compiled
 def evading_rows(
     q: np.ndarray,
-    v: np.ndarray,
     v_next: np.ndarray,
-    moving: Moving,
-    r: Robot,
-    law: Held,
+    spheres: Spheres,
+    velocity: np.ndarray,
+    world: Held,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(M5): how fast links are to get out of the way of what moves.
 
         g q_dot' >= n v_o + min(-alpha h, V),      h = d - d_e - tau max(n v_o, 0)
 
     with d the distance of a link, d_e that which it is kept at, n its direction, from
-    the sphere to the link, and v_o the velocity of the sphere.
+    the sphere to the link, v_o the velocity of the sphere, and alpha = 1/T.
 
     Args:
-        q, v: (n,), (n,) state.
+        q: (n,) positions.
         v_next: (n,) the velocity of the command.
-        law: holds `WorldLaw`.
+        spheres: that are evaded, with d_e in their radii.
+        velocity: (N, 3) of their centres [m/s].
+        world: holds `World`.
 
     Returns:
-        (C, n), (C,) g and the right sides; (C, 2) links and spheres. None at all if the
-        command keeps to them.
+        (C, n), (C,) g and the right sides; (C, 2) links and spheres.
     """
-    links, n = law.value.links.value, len(q)
-    evasion, spheres = law.value.evasion, moving.spheres
-    if not len(spheres.radius):
-        return np.zeros((0, n)), np.zeros(0), np.zeros((0, 2), dtype=np.int64)
-    L = len(links.radius)
-    reach = own_reach(braking_line(q, v, law), links) + links.turned
-    at = place_links(q, r, links)
-    # A row binds at h = (n v_o - g q_dot') / alpha: V / alpha, and what the command
-    # does; other rows ask for up to 2 V, and may move this link by as much.
-    ahead = times(reach, np.abs(v_next)) / evasion.rate
-    seconds = np.full(L, 3.0 / evasion.rate + evasion.lead)
-    balls = at[3 * n : 3 * n + L]
-    near, _ = links_near(balls, balls, ahead, seconds, 0.0, spheres, links)
-    g, least = np.zeros((len(near), n)), np.zeros(len(near))
-    S = joint_motion(at[: 3 * n].reshape(1, -1, 3))[0]
+    links, numbers = world.value.links, world.value.numbers
+    at, line = place_links(q, links), line_of(q, v_next, 0.0, numbers)
+    # A row binds at h = (n v_o - g q_dot') T: V T, and what the command does; other
+    # rows ask for up to 2 V, and may move this link by as much.
+    ahead = numbers.T * surface_speeds(line, links)
+    seconds = np.full(len(ahead), 3.0 * numbers.T + numbers.lead)
+    of = ahead, seconds, 0.0, spheres, links
+    near, _ = links_near(at, at, *of)
+    d, g, n = link_distances(at, near, spheres, links)
+    least = np.empty(len(near))
     for k in range(len(near)):
-        i, o = near[k, 0], near[k, 1]
-        h, g[k], normal = link_gradient(i, o, at, S, spheres, links)
-        comes = 0.0
-        for c in range(3):
-            comes += normal[c] * moving.velocity[o, c]
-        h -= evasion.lead * max(comes, 0.0)
-        least[k] = comes + min(-evasion.rate * h, spheres.speed[o])
-    if not (times(g, v_next) < least).any():
-        return g[:0], least[:0], near[:0]
+        o = near[k, 1]
+        comes = dot(n[k], velocity[o])
+        h = d[k] - numbers.lead * max(comes, 0.0)
+        least[k] = comes + min(-h / numbers.T, spheres.speed[o])
     return g, least, near

@@ -24,15 +24,11 @@ class ObstaclePort:
         """
         self._system, self._port = system.get_name(), None
         try:
-            self._speeds = np.array(speeds, dtype=float)
-        except (TypeError, ValueError):
-            self._speeds = np.array(np.nan)
-        fit = np.isfinite(self._speeds) & (self._speeds >= 0.0)
-        if self._speeds.ndim != 1 or not fit.all():
+            self._speeds = Obstacles(np.zeros((len(speeds), 3)), 0.0, speeds).speeds
+        except (TypeError, InputError) as error:
             raise InputError(
-                f"{self._system}: obstacle_speeds are {speeds!r}: give one for each "
-                "obstacle, finite and not negative"
-            )
+                f"{self._system}: obstacle_speeds are {speeds!r}: {error}"
+            ) from None
         if len(self._speeds):
             self._port = system.DeclareVectorInputPort("obstacles", 4 * len(speeds))
 

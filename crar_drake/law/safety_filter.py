@@ -21,7 +21,7 @@ from crar_drake.errors import InputError, ModelError, ScenarioError, nearest
 from crar_drake.law.constraints import Braking, RobotConstraints
 from crar_drake.law.joint_command import JointCommand, all_finite
 from crar_drake.law.motors import Motors
-from crar_drake.law.obstacles import ObstacleFilter, Obstacles
+from crar_drake.law.obstacles import Obstacles
 from crar_drake.law.parameters import (
     T_OF_COMMANDS,
     LookaheadParameters,
@@ -428,7 +428,7 @@ class SafetyFilter:
         )
 
     @property
-    def among(self) -> ObstacleFilter:
+    def among(self) -> MovingSpheres:
         """What keeps links from obstacles.
 
         Raises:

@@ -13,186 +13,251 @@ are evaded, (M5).
 
 import numpy as np
 
+from crar_drake.errors import ScenarioError
 from crar_drake.law.approach import Approach
-from crar_drake.law.compilation import Held, compiled
+from crar_drake.law.compilation import hold
 from crar_drake.law.moving_obstacles import (
-    Levels,
-    Moving,
+    MOVING,
+    STILL,
     Spheres,
-    braking_line,
-    command_line,
+    World,
     evading_rows,
     line_bounds,
-    own_reach,
-    present_levels,
+    line_of,
+    passing,
     sphere_rows,
+    surface_speeds,
 )
+from crar_drake.law.obstacles import NOBODY, Obstacles, Regions, Seen, at_places
 from crar_drake.law.pairs import of_controlled
+from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.law.projection import Rows, stacked
-from crar_drake.law.step import SafetyCheck, State
-from crar_drake.law.vectors import times
+from crar_drake.law.step import SafetyCheck, State, Step
+from crar_drake.law.tracking_error import joint_errors
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.watched_links import watched_links
+
+# What is evaded is kept so much farther than the floor [m]. Of what was tried on other
+# scenes than those of docs/measurements/scenes.md, this lets arms be touched the least
+# that are free to move; with less they are caught, with more they reach less.
+_KEPT_MORE = 0.04
+# What a row of (M5) lacks, beside what joints are changed by [1/m^2]: a link that they
+# move by less than 6 cm per rad is left to itself.
+_WEIGHT = 300.0
+# Of whom nothing is heard for longer, nobody knows where to go [s].
+_SEEN = 0.25
+
+# What rounding takes of a sphere that is in another [m]: the floor has it to spare.
+_ROUNDING = 1e-9
 
 
 class MovingSpheres:
     """The constraint of moving obstacles; `place` tells of them before each step.
 
     Attributes:
+        links: names of the links that count: those of watched pairs that move and have
+            capsules or spheres.
+        kept_at: d_e, the distance from what is evaded [m].
         clear: (N,) bool, of which spheres the state is known to be safe.
     """
 
     name = "obstacle"
 
     def __init__(
-        self, robot: Held, world: Held, approach: Approach, floor: float
+        self,
+        model: ControlModel,
+        gains: LookaheadParameters,
+        approach: Approach,
+        T: float,
     ) -> None:
         """
         Args:
-            robot: holds a `Robot` in closed form, all of whose joints are controlled.
-            world: holds `WorldLaw`.
+            model, gains: of the law or the filter.
             approach: of the rows.
-            floor: d_0 [m].
-        """
-        self._robot, self._world, self._approach = robot, world, approach
-        self._floor = floor
-        self.place(None, np.zeros(0, dtype=bool), None)
+            T: braking time constant, which is fixed among obstacles [s].
 
-    def place(
-        self, spheres: Spheres | None, clear: np.ndarray, moving: Moving | None
-    ) -> None:
-        """Tells where spheres are.
+        Raises:
+            ScenarioError: a parameter does not go with obstacles.
+        """
+        period = float(gains.period)
+        if not period < T:
+            raise ScenarioError(
+                f"controller.braking_time: with moving obstacles it ({T:g} s) "
+                f"must be longer than the period ({period:g} s)"
+            )
+        floor = float(gains.safety_distance)
+        self._links, self.links = watched_links(model, joint_errors(gains, model))
+        self._numbers = passing(T, period, floor, float(gains.contact_speed))
+        self._world = hold(World(self._links, self._numbers))
+        self._approach, self.kept_at = approach, floor + _KEPT_MORE
+        nothing = Seen(NOBODY, np.zeros((0, 3)), np.zeros(0))
+        self._nobody = Regions(
+            NOBODY, np.zeros(0, dtype=bool), seen=nothing if gains.evade else None
+        )
+
+    def regions(
+        self,
+        before: Regions | None,
+        given: Obstacles | None,
+        q: np.ndarray,
+        v: np.ndarray,
+    ) -> Regions | None:
+        """Where obstacles are taken to be, at a state (n,), (n,): what is measured.
 
         Args:
-            spheres: (N,) of them; None if there are none.
-            clear: as of the attribute.
-            moving: those that are evaded; None if none is.
+            before: what the step before left.
+            given: measured now; None if nothing was. It replaces all.
         """
-        self._spheres, self.clear, self._moving = spheres, clear, moving
-        self._evading: Rows | None = None
-        self.evaded = (-1, -1)
+        if given is None:
+            return before
+        if not len(given):
+            return None
+        before = before or self._nobody
+        old, places = before.spheres, given.places_in(before.spheres)
+        apart = np.linalg.norm(given.centres - at_places(old.centres, places), axis=1)
+        radii = at_places(old.radii, places)
+        within = apart + given.radii <= radii + _ROUNDING
+        within &= given.speeds <= at_places(old.speeds, places)
+        clear = within & (at_places(before.clear, places) == 1.0)
+        unknown = np.flatnonzero(~clear)
+        if len(unknown):
+            of = _spheres(given, unknown), self._numbers.floor, -np.inf
+            clear[unknown] = ~self._present(q, v, *of).any(axis=(0, 1))
+        too_fast, seen = (), before.seen
+        if given.names is not None:
+            leapt = apart > given.radii + radii + _ROUNDING
+            too_fast = tuple(given.names[i] for i in np.flatnonzero(leapt))
+        if seen is not None:
+            seen = seen.anew(given, places, self._numbers.period, 0.5 * self._numbers.T)
+        return Regions(given, clear, too_fast, seen)
+
+    def _present(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        spheres: Spheres,
+        moving: float | np.ndarray,
+        still: float,
+    ) -> np.ndarray:
+        """What `line_bounds` finds lacking on the present braking path, of what all
+        links are to keep of spheres, all alike or (N,) [m]."""
+        keep = np.empty((2, len(self.links), len(spheres.radius)))
+        keep[MOVING], keep[STILL] = moving, still
+        line = line_of(q, v, 0.0, self._numbers)
+        return line_bounds(line, keep, False, spheres, self._world)[0]
+
+    def place(self, regions: Regions) -> None:
+        """Tells where obstacles are taken to be."""
+        self._spheres, self.clear = _spheres(regions.spheres), regions.clear
+        self._seen, self._evading = regions.seen, None
+        self._evaded = (-1, -1)
+
+    def evaded(self, seen: Seen) -> tuple[Spheres, np.ndarray]:
+        """Those that may move, where they are by now, with d_e in their radii; and
+        (N, 3) their velocities [m/s]."""
+        of = seen.spheres
+        some = np.flatnonzero((of.speeds > 0.0) & (seen.age <= _SEEN))
+        velocity = np.nan_to_num(seen.velocity[some])
+        centres = of.centres[some] + seen.age[some, None] * velocity
+        radii = of.radii[some] + self.kept_at
+        return Spheres(centres, radii, of.speeds[some]), velocity
 
     def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
         """Among obstacles T is fixed."""
-        return T == self._world.value.numbers.T
+        return T == self._numbers.T
 
     def begin(self, state: State) -> None:
-        if self._spheres is None:
-            return
-        line = braking_line(state.q, state.v, self._world)
-        self._levels = present_levels(
-            line, self.clear, self._spheres, self._robot.value, self._world
-        )
-        if self._moving is not None:
+        floor = self._numbers.floor
+        asked = self._spheres, np.where(self.clear, -np.inf, floor), floor
+        # What links are to keep: the floor, or as much as braking is shown to keep.
+        self._keep = floor - self._present(state.q, state.v, *asked)
+        if self._seen is not None:
             self._evade(state)
-
-    def _share(self, state: State) -> float:
-        """Of T that the spheres are known to be passed over, in the state's [1]: until
-        T has come to theirs nothing is shown of them."""
-        return self._world.value.numbers.T / state.T
-
-    def _over_own(self, state: State, s: np.ndarray) -> np.ndarray:
-        """(nv,) s of the same acceleration over their own T."""
-        share = self._share(state)
-        return s if share == 1.0 else state.v + share * (s - state.v)
 
     def _evade(self, state: State) -> None:
         """Asks for rows if what is desired leaves (M5)."""
-        desired, period = state.desired, state.period
+        desired = state.desired
         if desired is None:
             desired = state.whole(state.nominal)
-        after = state.v + period / state.T * (desired - state.v)
-        g, least, who = evading_rows(
-            *(state.q, state.v, after, self._moving, self._robot.value, self._world)
-        )
-        if not len(least):
+        after = _after(state, desired)
+        moving = self.evaded(self._seen)
+        g, least, who = evading_rows(state.q, after, *moving, self._world)
+        lacks = least - g @ after
+        if not (lacks > 0.0).any():
             return
-        now = times(g, state.v)
-        by = now + (least - now) * (state.T / period)
-        rows = of_controlled(g, by, desired, state.n)
-        weight = np.full(len(by), self._world.value.evasion.weight)
-        self._evading, state.keep_rows = rows._replace(weight=weight), True
-        self.evaded = tuple(who[int(np.argmax(least - times(g, after)))])
+        rows = _rows_of_s(g, least, state.T / state.period, state, desired)
+        self._evading = rows._replace(weight=np.full(len(least), _WEIGHT))
+        state.keep_rows = True
+        self._evaded = tuple(who[np.argmax(lacks)])
 
-    def rows(self, state: State) -> Rows | None:
-        if self._spheres is None:
-            return None
-        s, share = state.whole(state.nominal), self._share(state)
-        g, least = sphere_rows(
-            *(state.q, state.v, self._over_own(state, s), self._spheres),
-            *(self._approach, self._robot.value, self._world),
-        )
-        least = (least - (1.0 - share) * times(g, state.v)) / share
-        rows = of_controlled(g, least, s, state.n)
+    def rows(self, state: State) -> Rows:
+        s = state.whole(state.nominal)
+        of = self._spheres, self._approach, self._world
+        g, least = sphere_rows(state.q, state.v, s, *of)
+        # They are of the same acceleration over their own T.
+        rows = _rows_of_s(g, least, state.T / self._numbers.T, state, s)
         return rows if self._evading is None else stacked([rows, self._evading])
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
-        if self._spheres is None:
-            return SafetyCheck(True, np.inf)
-        safe, clearance, link, sphere, moved = check_spheres(
-            *(state.q, state.v, self._over_own(state, s), self._levels, correct),
-            *(self._spheres, self._robot, self._world),
-        )
-        if safe:
+        period = self._numbers.period
+        line = line_of(state.q, _after(state, s), period, self._numbers)
+        of = self._keep, not correct, self._spheres, self._world
+        lacks, clearance = line_bounds(line, *of)
+        if not lacks.any():
             return SafetyCheck(True, clearance)
+        _, *worst = np.unravel_index(np.argmax(lacks), lacks.shape)
         # No rows: a correction would leap to where the sphere cannot come any more.
-        joints = moved > 0.0 if moved.any() else None
-        share = 0.0
-        if self._share(state) == 1.0:
-            share = harmless_share(state.q, state.v, s, self._world)
-        return SafetyCheck(False, clearance, None, joints, (link, sphere), share=share)
+        check = SafetyCheck(False, clearance, index=tuple(worst))
+        if not correct:
+            return check
+        failed = self._links.carried[lacks.any(axis=(0, 2))]
+        share = self._harmless_share(state, s)
+        return check._replace(joints=failed.any(axis=0), share=share)
+
+    def _harmless_share(self, state: State, s: np.ndarray) -> float:
+        """The share of s (nv,) that leads to a state as slow as is harmless, at most
+        1."""
+        of = self._numbers
+        v, asked = (
+            surface_speeds(line_of(state.q, x, 0.0, of), self._links)
+            for x in (state.v, state.period / state.T * s)
+        )
+        left = of.kappa * of.harmless - (1.0 - state.period / state.T) * v
+        moved = asked > 0.0
+        share = np.min(left[moved] / asked[moved], initial=1.0)
+        return float(np.clip(0.999 * share, 0.0, 1.0))
 
     def clear_after(self, braked: bool) -> np.ndarray:
         """(N,) bool, of which spheres the next state is safe: the present one is, or
         the step was shown to keep the safety distance, which braking is not."""
-        if self._spheres is None or braked:
+        if braked:
             return self.clear
-        return self.clear | (self._levels.moving >= self._floor).all(axis=0)
+        return self.clear | (self._keep[MOVING] >= self._numbers.floor).all(axis=0)
+
+    def ran_into(self, regions: Regions, found: Step) -> tuple[str, str] | None:
+        """The obstacle and the link that held back a step; None of none."""
+        link, sphere = self._evaded
+        check = found.objections.get(self.name)
+        if check is not None:
+            link, sphere = check.index
+        names = str(regions.spheres.keys[sphere]), self.links[link]
+        return None if link < 0 else names
 
 
-@compiled
-def harmless_share(q: np.ndarray, v: np.ndarray, s: np.ndarray, world: Held) -> float:
-    """The share of s (nv,) that leads to a state as slow as is harmless, at most 1."""
-    links, numbers = world.value.links.value, world.value.numbers
-    reach = own_reach(braking_line(q, v, world), links) + links.turned
-    left = numbers.kappa * (numbers.harmless - times(reach, np.abs(v)))
-    asked = (numbers.period / numbers.T) * times(reach, np.abs(s))
-    share = 1.0
-    for i in range(len(left)):
-        if asked[i] > 0.0:
-            share = min(share, 0.999 * left[i] / asked[i])
-    return max(share, 0.0)
+def _spheres(of: Obstacles, which: np.ndarray | slice = slice(None)) -> Spheres:
+    """Some of them, for the equations."""
+    return Spheres(of.centres[which], of.radii[which], of.speeds[which])
 
 
-@compiled
-def check_spheres(
-    q: np.ndarray,
-    v: np.ndarray,
-    s: np.ndarray,
-    levels: Levels,
-    all_of_them: bool,
-    spheres: Spheres,
-    robot: Held,
-    world: Held,
-) -> tuple[bool, float, int, int, np.ndarray]:
-    """Whether a step, and the braking path that it leads to, keep off all spheres.
+def _after(state: State, s: np.ndarray) -> np.ndarray:
+    """(nv,) the velocity to which a step s (nv,) leads, a period on [rad/s or m/s]."""
+    return state.v + state.period / state.T * (s - state.v)
 
-    Args:
-        q, v, s: (nv,), (nv,), (nv,) state and step.
-        levels: what links are to keep.
-        all_of_them: whether all that are too near are looked for.
-        spheres: (N,) of them.
-        robot, world: hold `Robot` and `WorldLaw`.
 
-    Returns:
-        Whether they do; the clearance [m]; the link and the sphere that lack the most;
-        where all are looked for (nv,) 1 for the joints that move what is too near.
-    """
-    links, numbers = world.value.links.value, world.value.numbers
-    v_next = v + numbers.period / numbers.T * (s - v)
-    line = command_line(q, v_next, world)
-    found = line_bounds(line, levels, not all_of_them, spheres, robot.value, world)
-    moved = np.zeros(len(q))
-    if not found.clear and all_of_them:
-        for i in range(len(found.failed)):
-            if found.failed[i].any():
-                moved = np.maximum(moved, links.carried[i])
-    return found.clear, found.clearance, found.link, found.sphere, moved
+def _rows_of_s(
+    g: np.ndarray, least: np.ndarray, factor: float, state: State, s: np.ndarray
+) -> Rows:
+    """Rows on a velocity (nv,) as those on s, which changes by a factor more; the
+    joints that are not controlled do as s (nv,) says."""
+    now = g @ state.v
+    return of_controlled(g, now + factor * (least - now), s, state.n)

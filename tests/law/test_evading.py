@@ -175,8 +175,7 @@ def test_the_rows_are_the_rates_of_distances(evading, witness):
     """g and what the obstacle adds, against differences of Drake's distances."""
     rng = np.random.default_rng(6)
     among = evading.among
-    robot = among._robot.value
-    evasion, n = among._world.value.evasion, len(evading.joint_names)
+    numbers, n = among._world.value.numbers, len(evading.joint_names)
     step, seen = 1e-6, 0
     for _ in range(30):
         q = evading.model.rest_positions() + rng.uniform(-0.4, 0.4, n)
@@ -196,8 +195,8 @@ def test_the_rows_are_the_rates_of_distances(evading, witness):
         )
         regions = among.regions(replace(regions, seen=was), people, q, v)
         np.testing.assert_allclose(regions.seen.velocity[0], velocity, atol=1e-9)
-        moving = among._moving(regions.seen)
-        g, least, who = evading_rows(q, v, v, moving, robot, among._world)
+        moving = among.evaded(regions.seen)
+        g, least, who = evading_rows(q, v, *moving, among._world)
 
         def distance(q, t, begin=begin, velocity=velocity):
             centre = begin + t * velocity
@@ -213,8 +212,8 @@ def test_the_rows_are_the_rates_of_distances(evading, witness):
             if np.abs(g[row] - slope).max() > 1e-5:
                 continue  # where two shapes of a link are equally near
             seen += 1
-            h = d[link] - among.kept_at - evasion.lead * max(comes[link], 0.0)
-            wanted = comes[link] + min(-evasion.rate * h, 1.0)
+            h = d[link] - among.kept_at - numbers.lead * max(comes[link], 0.0)
+            wanted = comes[link] + min(-h / numbers.T, 1.0)
             assert least[row] == pytest.approx(wanted, abs=1e-4)
     assert seen > 30
 
@@ -277,7 +276,7 @@ def test_a_velocity_is_seen_of_measurements_that_come_at_times(evading):
         grown = at(3.05, 0.1 + k * PERIOD)
         regions = among.regions(regions.later(PERIOD), grown, q, 0 * q)
     np.testing.assert_allclose(regions.seen.age, 3 * PERIOD)
-    assert among._moving(regions.seen).spheres.centre[0, 0] == pytest.approx(3.08)
+    assert among.evaded(regions.seen)[0].centre[0, 0] == pytest.approx(3.08)
     regions = among.regions(regions.later(PERIOD), at(3.05 + 0.04), q, 0 * q)
     np.testing.assert_allclose(regions.seen.velocity[0, 0], 0.01 / PERIOD)
     for k in range(30):
@@ -291,7 +290,7 @@ def test_any_number_of_them_is_of_the_type_that_was_compiled(evading):
     for n in (1, 3, 10):
         many = Obstacles(np.arange(3.0 * n).reshape(n, 3), 0.1, 1.0)
         regions = among.regions(None, many, q, 0 * q).later(PERIOD)
-        spheres, velocity = among._moving(among.regions(regions, many, q, 0 * q).seen)
+        spheres, velocity = among.evaded(among.regions(regions, many, q, 0 * q).seen)
         for array in (*spheres, velocity):
             assert array.flags.c_contiguous and array.dtype == float
 

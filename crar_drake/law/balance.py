@@ -29,16 +29,9 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.law.compilation import Held, compiled
-from crar_drake.law.wrenches import (
-    MOMENTUM_Q,
-    MOMENTUM_X,
-    TURNING_Q,
-    TURNING_X,
-    WEIGHT_Q,
-    Masses,
-    wrench_slopes,
-    wrenches,
-)
+from crar_drake.law.masses import Masses
+from crar_drake.law.vectors import dot, times
+from crar_drake.law.wrenches import wrench_slopes, wrenches
 
 # More pieces of a path than this are not worth their time, a power of 2; a path that
 # would need more is taken for less balanced than it is.
@@ -48,7 +41,7 @@ _PIECES = 64
 _CLOSE, _UNASKED = 0.1, 1e9
 
 
-class Ground(NamedTuple):
+class WrenchCone(NamedTuple):
     """K = {w : R w <= 0}, what the ground can give; F faces."""
 
     rows: np.ndarray  # (F, 6) R: on the moment about the world's origin, and the force
@@ -57,93 +50,100 @@ class Ground(NamedTuple):
     about: np.ndarray  # (3,) a point amid the soles [m]
 
 
-class Bends(NamedTuple):
-    """By what the faces' values may bend over a motion, see `bends`.
+class BalanceLaw(NamedTuple):
+    """What the admission of balance needs of a robot and its law."""
 
-    |d^2 (r . w)| <= |r_M| moment + |r_F| force, for a face r with r_F on forces through
-    `Ground.about`: of what stays as fast as it is, and of what grows with the speed.
-    """
+    masses: Masses
+    cone: WrenchCone
+    controlled: np.ndarray  # (n,) velocities of the controlled joints, in the plant's
+    T: float  # braking horizon [s]
+    period: float  # [s]
+    step: float  # of the plant [s]; 0 if it is continuous
+    finest: float  # of a face's value, what pieces of a way may always add to it [Nm]
+    near: float  # rows are of faces that are less below their level [Nm]
 
-    still: float  # by the weight, on moments [Nm]
-    moment: float  # [Nm]
-    force: float  # [N]
+
+class Examined(NamedTuple):
+    """What is found of a braking path, or of a step."""
+
+    # (F,) upper bounds of what R w comes to [Nm]; balanced where none is above 0
+    values: np.ndarray
+    seen: np.ndarray  # (F,) the largest of the places that were looked at
+    at: np.ndarray  # (F, 3) u, kappa and a where it is largest; of a step u alone
 
 
 @compiled
 def bends(
-    q: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    T: float,
-    about: np.ndarray,
-    masses: Masses,
-) -> Bends:
-    """(B3): how much r . w bends while the robot moves.
+    q: np.ndarray, v: np.ndarray, a: np.ndarray, brakes: bool, law: BalanceLaw
+) -> tuple[np.ndarray, np.ndarray]:
+    """(B3): how much r . w bends while the robot moves; of each face (F,) [Nm].
 
-    The k-th derivative of a chain of frames that turn by angles whose k-th derivatives
-    are at most r_k in all is at most B_k(r_1, ..., r_k) times its length, with the
-    complete Bell polynomials, in which r_3 = r_4 = 0,
+    The parameter is time, in units of T. The k-th derivative of a chain of frames that
+    turn by angles whose k-th derivatives are at most r_k in all is at most B_k(r_1,
+    ..., r_k) times its length, with the complete Bell polynomials, in which r_3 = r_4 =
+    0,
 
         B_1 = r_1,  B_2 = r_1^2 + r_2,  B_3 = r_1^3 + 3 r_1 r_2,
         B_4 = r_1^4 + 6 r_1^2 r_2 + 3 r_2^2;
 
     that of a slide follows by Leibniz. A frame's mass counts at the root mean square of
     its distance: all that is summed is at most quadratic in it. With X_k of a mass, D
-    its largest distance from `about`, and Y_k the bound of the k-th derivative of its
-    acceleration,
+    its largest distance from `WrenchCone.about`, and Y_k the bound of the k-th
+    derivative of its acceleration,
 
         |d^2 (r . w)| <= sum m [|r_M| (X_2 (g + Y_0) + 2 X_1 Y_1 + D Y_2) + |r_F| Y_2].
 
     Args:
-        q, x: (nq,), (nv,) where the motion begins and what each joint moves [rad, m].
-        v, a: (nv,), (nv,) bounds of the joints' rates, and of the rates' rates, by the
-            parameter of the motion.
-        T: 0, if the parameter is time, so that Y_k = X_(k+2); else the motion is a path
-            over u, on which Y_k = (X_(k+2) + X_(k+1)) / T^2 [s].
-        about: (3,) [m].
+        q, v, a: (nq,), (nv,), (nv,) of `examine`.
+        brakes: as there. On a braking path Y_k = (X_(k+2) + X_(k+1)) / T^2, else Y_k =
+            X_(k+2) / T^2.
+
+    Returns:
+        The share of the weight; and that which shrinks with the speed that is left.
     """
+    masses, cone, fastest, bent = law.masses, law.cone, np.abs(v), np.zeros(len(v))
+    if not brakes:
+        fastest += (law.period + 0.5 * law.step) * np.abs(a)
+        bent = law.T**2 * np.abs(a)
+    fastest *= law.T
     tree = masses.tree.value
-    N = len(masses.mass)
-    r, far = np.zeros((N, 2)), np.zeros(N)
-    X = np.zeros((N, 5))
-    B, Y = np.empty(5), np.empty(3)
-    far[0] = np.sqrt(about[0] ** 2 + about[1] ** 2 + about[2] ** 2)
+    N = len(masses.inertia)
+    r, X = np.zeros((N, 2)), np.zeros((N, 5))
+    B, x, Y = np.empty(5), np.empty(5), np.empty(3)
+    X[0, 0] = np.sqrt(dot(cone.about, cone.about))  # the farthest that it is from there
     still, moment, force = 0.0, 0.0, 0.0
     for i in range(N):
         if i:
             up, j = tree.parent[i], masses.velocity[i]
+            out = np.sqrt(dot(tree.fixed[i, 3], tree.fixed[i, 3]))
             slides = masses.slide[i].any()
-            turns = masses.turn[i].any()
-            at = tree.position[i]
-            out = masses.offset[i]
             if slides:
-                out += max(abs(q[at]), abs(q[at] + x[j]))
+                out += abs(q[tree.position[i]]) + fastest[j]
             _bell(r[up], B)
-            far[i] = far[up] + out
-            for k in range(1, 5):
+            for k in range(5):
                 X[i, k] = X[up, k] + out * B[k]
-                if slides:
-                    X[i, k] += k * B[k - 1] * v[j]
-                    if k > 1:
-                        X[i, k] += 0.5 * k * (k - 1) * B[k - 2] * a[j]
-            r[i, 0] = r[up, 0] + (v[j] if turns else 0.0)
-            r[i, 1] = r[up, 1] + (a[j] if turns else 0.0)
-        m, out = masses.mass[i], masses.radius[i]
-        if m == 0.0 or not (X[i].any() or r[i].any()):
+            if slides:
+                X[i, 1] += B[0] * fastest[j]
+                for k in range(2, 5):
+                    X[i, k] += k * B[k - 1] * fastest[j]
+                    X[i, k] += 0.5 * k * (k - 1) * B[k - 2] * bent[j]
+            turns = masses.turn[i].any()
+            r[i, 0] = r[up, 0] + (fastest[j] if turns else 0.0)
+            r[i, 1] = r[up, 1] + (bent[j] if turns else 0.0)
+        P = masses.inertia[i]
+        m = P[3, 3]
+        if m == 0.0:
             continue
+        out = np.sqrt((P[0, 0] + P[1, 1] + P[2, 2]) / m)
         _bell(r[i], B)
-        x_1, x_2 = X[i, 1] + out * B[1], X[i, 2] + out * B[2]
-        x_3, x_4 = X[i, 3] + out * B[3], X[i, 4] + out * B[4]
-        if T > 0.0:
-            Y[0], Y[1], Y[2] = x_2 + x_1, x_3 + x_2, x_4 + x_3
-            Y /= T * T
-        else:
-            Y[0], Y[1], Y[2] = x_2, x_3, x_4
-        still += m * masses.g * x_2
-        moment += m * (x_2 * Y[0] + 2.0 * x_1 * Y[1] + (far[i] + out) * Y[2])
+        for k in range(5):
+            x[k] = X[i, k] + out * B[k]
+        for k in range(3):
+            Y[k] = (x[k + 2] + (x[k + 1] if brakes else 0.0)) / law.T**2
+        still += m * masses.g * x[2]
+        moment += m * (x[2] * Y[0] + 2.0 * x[1] * Y[1] + x[0] * Y[2])
         force += m * Y[2]
-    return Bends(still, moment, force)
+    return cone.moment * still, cone.moment * moment + cone.force * force
 
 
 @compiled
@@ -155,144 +155,84 @@ def _bell(r: np.ndarray, B: np.ndarray) -> None:
     B[4] = r[0] ** 4 + 6.0 * r[0] ** 2 * r[1] + 3.0 * r[1] ** 2
 
 
-class BalanceLaw(NamedTuple):
-    """What the admission of balance needs of a robot and its law."""
-
-    masses: Masses
-    ground: Ground
-    controlled: np.ndarray  # (n,) velocities of the controlled joints, in the plant's
-    T: float  # braking horizon [s]
-    period: float  # [s]
-    step: float  # of the plant [s]; 0 if it is continuous
-    finest: float  # of a face's value, what pieces of a way may always add to it [Nm]
-    near: float  # rows are of faces that are less below their level [Nm]
-
-
-class Balanced(NamedTuple):
-    """What is found of a braking path, or of a step."""
-
-    # (F,) upper bounds of what R w comes to [Nm]; balanced where none is above 0
-    values: np.ndarray
-    seen: np.ndarray  # (F,) the largest of the places that were looked at
-    at: np.ndarray  # (F,) u, where it is largest
-    share: np.ndarray  # (F,) at which kappa
-    brake: np.ndarray  # (F,) and at which a
-
-
 @compiled
-def examine_braking(
-    q: np.ndarray, v: np.ndarray, level: np.ndarray, close: float, law: BalanceLaw
-) -> Balanced:
-    """The largest of R w over (B2), by a bound that holds for every point of it.
+def examine(
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    brakes: bool,
+    level: np.ndarray,
+    close: float,
+    law: BalanceLaw,
+) -> Examined:
+    """The largest of R w over (B2), or while an acceleration is held for a period, by a
+    bound that holds for every instant.
 
     (B1) is a parabola over kappa for each a / kappa, and a enters it linearly, so the
-    worst of both is one of three numbers. Between two places of the path, a piece of
+    worst of both is one of a few numbers. Between two places of the path, a piece of
     the length l apart, a face's value is at most the larger of both ends' and an eighth
     of l^2 times (B3), of which what moves shrinks with the speed that is left.
 
     The path is one piece at first. A piece is halved while it adds too much to a face
     that may be the worst there: more than `finest`, and than a share of how far the
-    face is then from its level.
-
-    Args:
-        q, v: (nq,), (nv,) state, in the plant's order; prescribed joints at rest.
-        level: (F,) what the faces' values may come to.
-        close: of how far a face is from its level, the share that pieces may add.
-    """
-    x, still = law.T * v, np.zeros(len(v))
-    bend = bends(q, x, np.abs(x), still, law.T, law.ground.about, law.masses)
-    return _largest(q, x, still, True, bend, level, close, law)
-
-
-@compiled
-def examine_step(
-    q: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    level: np.ndarray,
-    close: float,
-    law: BalanceLaw,
-) -> Balanced:
-    """The largest of R w while an acceleration is held for a period.
-
-    As `examine_braking` of the path, with u the share of the period.
+    face is then from its level. Of a step u is the share of the period.
 
     Args:
         q, v, a: (nq,), (nv,), (nv,) state and acceleration, in the plant's order.
+        brakes: whether the robot brakes over T, so that a is -v / T and prescribed
+            joints are at rest; else a is held.
+        level: (F,) what the faces' values may come to.
+        close: of how far a face is from its level, the share that pieces may add.
     """
-    period = law.period
-    along = period * v + 0.5 * period * (period + law.step) * a
-    fastest = np.abs(v) + (period + 0.5 * law.step) * np.abs(a)
-    bend = bends(q, along, fastest, np.abs(a), 0.0, law.ground.about, law.masses)
-    square = period**2
-    bend = Bends(square * bend.still, square * bend.moment, square * bend.force)
-    return _largest(q, v, a, False, bend, level, close, law)
-
-
-@compiled
-def _largest(
-    q: np.ndarray,
-    x: np.ndarray,
-    a: np.ndarray,
-    brakes: bool,
-    bend: Bends,
-    level: np.ndarray,
-    close: float,
-    law: BalanceLaw,
-) -> Balanced:
-    """Of a braking path q + u x, or of the step from (q, x) by a."""
-    ground, F = law.ground, len(law.ground.rows)
-    h = law.period / law.T
-    values, seen = np.full(F, -np.inf), np.full(F, -np.inf)
-    at, share, braked = np.zeros((3, F))
-    # Of each place u: R weight, R turning / T^2, - R momentum / T^2; and of the pieces
-    # that are left, the first on top, their ends.
+    F, h = len(level), law.period / law.T
+    still, moving = bends(q, v, a, brakes, law)
+    unit = 1.0 if brakes else h  # of u, in those of `bends`
+    values, seen, at = np.full(F, -np.inf), np.full(F, -np.inf), np.zeros((F, 3))
+    # Of each place u: (3, F) of `_look`; of the pieces that are left, the first on top,
+    # their ends; of a piece's ends the bounds, and where and at which kappa and a.
     places, where = np.empty((_PIECES + 1, 3, F)), np.empty(_PIECES + 1)
     ends, left, count = np.empty((_PIECES, 2), dtype=np.int64), 1, 2
-    bounds, kappas = np.empty((2, F)), np.empty((2, F))
+    bounds, spots = np.empty((2, F)), np.empty((2, F, 3))
     for end in range(2):
         where[end], ends[0, end] = end, end
-        _look(q, x, a, brakes, where[end], law, places[end], seen)
+        _look(q, v, a, brakes, where[end], law, places[end], seen)
     while left:
         left -= 1
         first, last = ends[left, 0], ends[left, 1]
         u, length = where[first], where[last] - where[first]
         fast = 1.0 - u if brakes else 1.0  # the largest kappa
-        hardest = min(1.0, fast / (1.0 - h)) if h < 1.0 else 1.0
         done = True
         for f in range(F):
-            adds = 0.125 * length**2
-            adds *= _bent(bend, hardest, ground.moment[f], ground.force[f])
-            largest = -np.inf
+            adds = still[f] + _most_braking(fast, h) * moving[f]
+            adds *= 0.125 * (unit * length) ** 2
             for end in range(2):
-                place = places[ends[left, end]]
-                value, kappa = _worst(place[0, f], place[1, f], place[2, f], fast, h)
-                bounds[end, f], kappas[end, f] = value + adds, kappa
-                largest = max(largest, value + adds)
+                k = ends[left, end]
+                R_w = places[k, 0, f], places[k, 1, f], places[k, 2, f]
+                value, kappa, braking = _worst(*R_w, fast, h)
+                bounds[end, f], spots[end, f, 0] = value + adds, where[k]
+                spots[end, f, 1], spots[end, f, 2] = kappa, braking
+            largest = max(bounds[0, f], bounds[1, f])
             if adds > max(law.finest, close * abs(level[f] - largest)):
                 done = done and largest <= seen[f] + law.finest
         if done or length * _PIECES < 1.5:
             for f in range(F):
                 for end in range(2):
-                    if bounds[end, f] > values[f]:
-                        kappa, place = kappas[end, f], last if end else first
-                        most = min(1.0, kappa / (1.0 - h)) if h < 1.0 else 1.0
-                        values[f], at[f], share[f] = bounds[end, f], where[place], kappa
-                        braked[f] = most if places[place, 2, f] > 0.0 else kappa
+                    if not bounds[end, f] <= values[f]:  # a NaN is not safe
+                        values[f], at[f] = bounds[end, f], spots[end, f]
             continue
         where[count] = u + 0.5 * length
-        _look(q, x, a, brakes, where[count], law, places[count], seen)
+        _look(q, v, a, brakes, where[count], law, places[count], seen)
         ends[left, 0], ends[left, 1] = count, last
         ends[left + 1, 0], ends[left + 1, 1] = first, count
         left += 2
         count += 1
-    return Balanced(values, seen, at, share, braked)
+    return Examined(values, seen, at)
 
 
 @compiled
 def _look(
     q: np.ndarray,
-    x: np.ndarray,
+    v: np.ndarray,
     a: np.ndarray,
     brakes: bool,
     u: float,
@@ -300,75 +240,58 @@ def _look(
     place: np.ndarray,
     seen: np.ndarray,
 ) -> None:
-    """Writes a place (3, F) of `_largest`; `seen` is gone on with."""
-    rows, T, h = law.ground.rows, law.T, law.period / law.T
-    t = u * law.period
+    """Writes R w (3, F) at a place u of `examine`: what stays, what goes with kappa^2,
+    and what with a; `seen` is gone on with."""
     if brakes:
-        found = wrenches(q + u * x, x, law.masses)
-        momentum = found.momentum
+        w = wrenches(q + u * law.T * v, v, a, law.masses)
     else:
-        there = q + t * x + 0.5 * t * (t + law.step) * a
-        found = wrenches(there, x + t * a, law.masses)
-        momentum = wrenches(there, a, law.masses).momentum
+        there, rate = after(q, v, a, u * law.period, law.step)
+        w = wrenches(there, rate, a, law.masses)
+        w[0] += w[1] + w[2]
+        w[1:] = 0.0
+    h = law.period / law.T
+    for k in range(3):
+        place[k] = times(law.cone.rows, w[k])
     for f in range(len(seen)):
-        still, quick, brake = 0.0, 0.0, 0.0
-        for c in range(6):
-            still += rows[f, c] * found.weight[c]
-            quick += rows[f, c] * found.turning[c]
-            brake -= rows[f, c] * momentum[c]
-        if brakes:
-            place[0, f], place[1, f], place[2, f] = still, quick / T**2, brake / T**2
-            value, _ = _worst(still, place[1, f], place[2, f], 1.0 - u, h)
-        else:
-            value = still + quick - brake
-            place[0, f], place[1, f], place[2, f] = value, 0.0, 0.0
+        value, _, _ = _worst(place[0, f], place[1, f], place[2, f], 1.0 - u, h)
         seen[f] = max(seen[f], value)
 
 
 @compiled
-def _bent(bend: Bends, hardest: float, moment: float, force: float) -> float:
-    return moment * (bend.still + hardest * bend.moment) + hardest * force * bend.force
+def _most_braking(kappa: float, h: float) -> float:
+    """The largest a of (B2)."""
+    return kappa / (1.0 - h) if kappa < 1.0 - h else 1.0
 
 
 @compiled
 def _worst(
     still: float, quick: float, brake: float, left: float, h: float
-) -> tuple[float, float]:
-    """The largest of still + kappa^2 quick + a brake over (B2), and its kappa, for
-    kappa up to `left`.
+) -> tuple[float, float, float]:
+    """The largest of still + kappa^2 quick + a brake over (B2), its kappa, and its a,
+    for kappa up to `left`.
 
     If `brake` is positive, the largest a counts, else the smallest. With the largest
-    the function has a kink at kappa = 1 - h, where a comes to 1.
+    the function has a kink at kappa = 1 - h, where a comes to 1; up to there, or else
+    up to `left`, it is a parabola.
     """
-    best, at = still, 0.0
     kink = min(left, 1.0 - h)
-    slope = brake
-    if brake > 0.0:
-        slope = brake / (1.0 - h) if h < 1.0 else 0.0
-    # From 0 to the kink the parabola still + quick kappa^2 + slope kappa.
-    end = left if brake <= 0.0 else kink
-    top = end
-    if quick < 0.0 and slope > 0.0:
-        top = min(end, -0.5 * slope / quick)
-    value = still + quick * top * top + slope * top
-    if value > best:
-        best, at = value, top
-    if brake > 0.0 and left > kink:  # from there on, a = 1
-        for kappa in (kink, left):
-            value = still + quick * kappa * kappa + brake
-            if value > best:
-                best, at = value, kappa
-    return best, at
+    end, slope = (kink, brake / (1.0 - h)) if brake > 0.0 else (left, brake)
+    top = min(max(-0.5 * slope / quick, 0.0), end) if quick < 0.0 else 0.0
+    best, at, braking = still, 0.0, 0.0
+    for kappa in (top, kink, left):
+        a = _most_braking(kappa, h) if brake > 0.0 else kappa
+        value = still + quick * kappa * kappa + brake * a
+        if value > best:
+            best, at, braking = value, kappa, a
+    return best, at, braking
 
 
 @compiled
-def next_state(
-    q: np.ndarray, v: np.ndarray, a: np.ndarray, law: BalanceLaw
+def after(
+    q: np.ndarray, v: np.ndarray, a: np.ndarray, t: float, step: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The state (nq,), (nv,) a period on, in which a (nv,) is held."""
-    period = law.period
-    bend = 0.5 * period * (period + law.step)
-    return q + period * v + bend * a, v + period * a
+    """The state (nq,), (nv,) a time t on, in which a (nv,) is held [s]."""
+    return q + t * v + 0.5 * t * (t + step) * a, v + t * a
 
 
 @compiled
@@ -379,40 +302,13 @@ def balance_level(q: np.ndarray, v: np.ndarray, held: Held) -> np.ndarray:
     path. Nothing then gets worse.
     """
     law = held.value
-    none = np.zeros(len(law.ground.rows))
-    found = examine_braking(q, v, none, _UNASKED, law)
+    none = np.zeros(len(law.cone.rows))
+    found = examine(q, v, v / -law.T, True, none, _UNASKED, law)
     return np.maximum(found.seen, 0.0)
 
 
 @compiled
-def balance_excess(
-    q: np.ndarray, v: np.ndarray, a: np.ndarray, level: np.ndarray, held: Held
-) -> float:
-    """(B4): by how much a step is not balanced; admitted if that is not above 0.
-
-    The wrench of the step, and of all (B2) of the state that it leads to, is in the
-    cone, up to the level.
-
-    Args:
-        q, v, a: (nq,), (nv,), (nv,) state and acceleration, in the plant's order.
-        level: (F,) of the state.
-        held: holds the `BalanceLaw`.
-
-    Returns:
-        The largest R w above its level [Nm]; negative is what is left of it. Where the
-        step itself is above it, of the step alone.
-    """
-    law = held.value
-    way = (examine_step(q, v, a, level, _CLOSE, law).values - level).max()
-    if way > 0.0:
-        return way
-    at, speed = next_state(q, v, a, law)
-    path = examine_braking(at, speed, level, _CLOSE, law)
-    return max(way, (path.values - level).max())
-
-
-@compiled
-def balance_rows(
+def examine_balance(
     q: np.ndarray,
     v: np.ndarray,
     a: np.ndarray,
@@ -420,95 +316,77 @@ def balance_rows(
     enough: float,
     held: Held,
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """(B5): rows g and bounds b with g . q_ddot <= b, for the accelerations of the
-    controlled joints, linear about a: of each face where it is largest in the step, and
-    on the next braking path.
+    """(B4), (B5): by how much a step is not balanced, and rows that correct it.
 
-    The wrenches change with an acceleration as the step's own forces do, and as the
-    next path's place, velocities and braking do.
+    The wrench of the step, and of all (B2) of the state that it leads to, is to be in
+    the cone, up to the level. Rows are of each face where it is largest in the step,
+    and on the next braking path, linear about a, for the accelerations of the
+    controlled joints.
 
     Args:
-        q, v, a, level, held: as of `balance_excess`.
+        q, v, a: (nq,), (nv,), (nv,) state and acceleration, in the plant's order.
+        level: (F,) of the state.
         enough: nobody asks for rows where the excess is not above it [Nm].
+        held: holds the `BalanceLaw`.
 
     Returns:
-        `balance_excess`; and (2 F, n) and (2 F,), or none of either.
+        The largest R w above its level [Nm], admitted if not above 0; negative is what
+        is left of it. Where nobody asks for rows, and the step itself is above it, of
+        the step alone. And g (2 F, n), b (2 F,) with g . q_ddot <= b; none of either if
+        nobody asks for them.
     """
     law = held.value
-    ground, masses, T = law.ground, law.masses, law.T
-    n, F = len(law.controlled), len(ground.rows)
-    way = examine_step(q, v, a, level, _CLOSE, law)
-    q_next, v_next = next_state(q, v, a, law)
-    path = examine_braking(q_next, v_next, level, _CLOSE, law)
-    excess = max((way.values - level).max(), (path.values - level).max())
+    n, F = len(law.controlled), len(level)
+    none = np.zeros((0, n)), np.zeros(0)
+    of_step = examine(q, v, a, False, level, _CLOSE, law)
+    excess = (of_step.values - level).max()
+    if excess > 0.0 and enough == np.inf:
+        return excess, *none
+    q_next, v_next = after(q, v, a, law.period, law.step)
+    of_path = examine(q_next, v_next, v_next / -law.T, True, level, _CLOSE, law)
+    excess = max(excess, (of_path.values - level).max())
     if excess <= enough:
-        return excess, np.zeros((0, n)), np.zeros(0)
+        return excess, *none
     g, b = np.zeros((2 * F, n)), np.full(2 * F, np.inf)
-    on_way, on_path = way.values > level - law.near, path.values > level - law.near
-    change = np.empty((n, 6))
-    done = ~on_way
-    for first in range(F):
-        if done[first]:
-            continue
-        u = way.at[first]
-        t = u * law.period
-        of_q = 0.5 * t * (t + law.step)
-        at = q + t * v + of_q * a
-        moving = wrench_slopes(at, v + t * a, law.controlled, masses)
-        # What the acceleration is for itself.
-        pushed = wrench_slopes(at, a, law.controlled, masses)
-        for j in range(n):
-            for c in range(6):
-                change[j, c] = (
-                    of_q * (moving[j, WEIGHT_Q, c] + moving[j, TURNING_Q, c])
-                    + t * moving[j, TURNING_X, c]
-                    + of_q * pushed[j, MOMENTUM_Q, c]
-                    + pushed[j, MOMENTUM_X, c]
-                )
-        for f in range(F):
-            if not done[f] and way.at[f] == u:
-                done[f] = True
-                _project(ground.rows[f], change, g[f])
-    x = T * v_next
-    bend, of_x = 0.5 * law.period * (law.period + law.step), T * law.period
-    done = ~on_path
-    for first in range(F):
-        if done[first]:
-            continue
-        u = path.at[first]
-        slopes = wrench_slopes(q_next + u * x, x, law.controlled, masses)
-        of_q = bend + u * of_x
-        for f in range(F):
-            if done[f] or path.at[f] != u:
+    for on_path in range(2):
+        found = of_path if on_path else of_step
+        left = found.values > level - law.near
+        for first in range(F):
+            if not left[first]:
                 continue
-            done[f] = True
-            turns, brakes = (path.share[f] / T) ** 2, path.brake[f] / T**2
-            for j in range(n):
-                for c in range(6):
-                    change[j, c] = of_q * (
-                        slopes[j, WEIGHT_Q, c]
-                        + turns * slopes[j, TURNING_Q, c]
-                        - brakes * slopes[j, MOMENTUM_Q, c]
-                    ) + of_x * (
-                        turns * slopes[j, TURNING_X, c]
-                        - brakes * slopes[j, MOMENTUM_X, c]
-                    )
-            _project(ground.rows[f], change, g[F + f])
-    for f in range(F):
-        if on_way[f]:
-            b[f] = level[f] - way.values[f]
-        if on_path[f]:
-            b[F + f] = level[f] - path.values[f]
-    for row in range(2 * F):
-        for j in range(n):
-            b[row] += g[row, j] * a[law.controlled[j]]
+            place = found.at[first]
+            change = _changes(q, v, a, place, on_path == 1, law)
+            for f in range(first, F):
+                if left[f] and (found.at[f] == place).all():
+                    left[f], row = False, f + F * on_path
+                    b[row] = level[f] - found.values[f]
+                    for j in range(n):
+                        for c in range(6):
+                            g[row, j] += law.cone.rows[f, c] * change[j, c]
+                        b[row] += g[row, j] * a[law.controlled[j]]
     return excess, g, b
 
 
 @compiled
-def _project(row: np.ndarray, change: np.ndarray, g: np.ndarray) -> None:
-    """Writes how a face's value (6,) changes where the wrench does by (n, 6), (n,)."""
-    for j in range(len(g)):
-        g[j] = 0.0
-        for c in range(6):
-            g[j] += row[c] * change[j, c]
+def _changes(
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    place: np.ndarray,
+    on_path: bool,
+    law: BalanceLaw,
+) -> np.ndarray:
+    """(n, 6) how the wrench at a place of a step by a, or of the braking path after it,
+    changes with that acceleration: as where the robot is, how fast and how it
+    accelerates do there."""
+    u, kappa, braking = place[0], place[1], place[2]
+    t = law.period if on_path else u * law.period
+    there, rate = after(q, v, a, t, law.step)
+    pushed, by_q, by_v, by_a = a, 0.5 * t * (t + law.step), t, 1.0
+    if on_path:
+        there = there + u * law.T * rate
+        by_q += u * law.T * t
+        by_v, by_a = kappa * t, -braking * t / law.T
+        rate, pushed = kappa * rate, (-braking / law.T) * rate
+    slopes = wrench_slopes(there, rate, pushed, law.controlled, law.masses)
+    return by_q * slopes[:, 0] + by_v * slopes[:, 1] + by_a * slopes[:, 2]

@@ -1,8 +1,8 @@
 """Inverse dynamics, Eqs. (2), (29), of a robot whose base is fixed.
 
 Newton and Euler by a pass outwards and one back (Featherstone, Rigid Body Dynamics
-Algorithms, 2008, chapter 5), about the world's origin. It is what Drake computes, for
-steps that need torques in many states.
+Algorithms, 2008, chapter 5), with the matrices of `law.masses`. It is what Drake
+computes, for steps that need torques in many states.
 """
 
 from typing import NamedTuple
@@ -10,8 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.law.compilation import Held, compiled
-from crar_drake.law.kinematics import link_poses
-from crar_drake.law.wrenches import turn_body
+from crar_drake.law.masses import (
+    add_product,
+    move_masses,
+    place_masses,
+    work,
+)
 
 
 class Dynamics(NamedTuple):
@@ -19,8 +23,8 @@ class Dynamics(NamedTuple):
 
     masses: Held  # of `Masses`
     gravity: np.ndarray  # (3,) [m/s^2]
-    heavy: np.ndarray  # (N,) the mass of each frame that gravity pulls at [kg]
-    heavy_moment: np.ndarray  # (N, 3) times its centre, in the frame [kg m]
+    # (N, 4) [m c; m] of the masses in each frame that gravity pulls at [kg m, kg]
+    heavy: np.ndarray
     # (nv,) of each velocity: what its acceleration takes besides (rotors, implicit
     # damping) [kg m^2 or kg], and its velocity [Nms or Ns/m]
     rotors: np.ndarray
@@ -28,18 +32,6 @@ class Dynamics(NamedTuple):
     # (nv,) springs: k q - slack [Nm/rad or N/m], [Nm or N]
     stiffness: np.ndarray
     slack: np.ndarray
-
-
-@compiled
-def _joint_motion(R, p, turn, slide, S):
-    """Writes S (6,), zeros before: how a joint moves what passes the world's origin."""
-    for k in range(3):
-        for j in range(3):
-            S[k] += turn[j] * R[j, k]
-            S[3 + k] += slide[j] * R[j, k]
-    for k in range(3):
-        m, n = (k + 1) % 3, (k + 2) % 3
-        S[3 + k] += p[m] * S[n] - p[n] * S[m]
 
 
 @compiled
@@ -54,67 +46,32 @@ def joint_torques(
     """
     masses = dynamics.masses.value
     tree = masses.tree.value
-    N = len(masses.mass)
-    X = link_poses(q.reshape(1, -1), tree, tree.every)[0]
-    # Of each frame, about the world's origin: its joint's motion S, its velocity V, its
-    # acceleration A and the wrench F on it.
-    S, V, A, F = np.zeros((4, N, 6))
-    own, c, pull = np.empty(6), np.empty(3), np.empty(3)
-    turns, spin, change = np.empty((2, 3)), np.empty(3), np.empty(3)
-    for i in range(1, N):
-        R, p = X[4 * i : 4 * i + 3], X[4 * i + 3]  # R transposed
-        up, at = tree.parent[i], masses.velocity[i]
-        _joint_motion(R, p, masses.turn[i], masses.slide[i], S[i])
-        for k in range(6):
-            own[k] = v[at] * S[i, k]
-            V[i, k] = V[up, k] + own[k]
-            A[i, k] = A[up, k] + vdot[at] * S[i, k]
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            A[i, k] += V[i, m] * own[n] - V[i, n] * own[m]
-            A[i, 3 + k] += V[i, m] * own[3 + n] - V[i, n] * own[3 + m]
-            A[i, 3 + k] += V[i, 3 + m] * own[n] - V[i, 3 + n] * own[m]
-        mass = masses.mass[i]
-        if mass == 0.0:
-            continue
-        # The centre's acceleration, less gravity's share of the force.
-        for k in range(3):
-            c[k] = p[k]
-            for j in range(3):
-                c[k] += masses.centre[i, j] * R[j, k]
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            own[k] = V[i, 3 + k] + V[i, m] * c[n] - V[i, n] * c[m]
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            a = A[i, 3 + k] + A[i, m] * c[n] - A[i, n] * c[m]
-            F[i, 3 + k] = mass * (a + V[i, m] * own[n] - V[i, n] * own[m])
-        turn_body(R, masses.inertia[i], V[i, :3], A[i, :3], turns, spin, change)
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            F[i, k] = c[m] * F[i, 3 + n] - c[n] * F[i, 3 + m]
-            pull[k] = dynamics.heavy[i] * p[k]
-            for j in range(3):
-                F[i, k] += change[j] * R[j, k]
-                pull[k] += dynamics.heavy_moment[i, j] * R[j, k]
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            F[i, k] -= pull[m] * dynamics.gravity[n] - pull[n] * dynamics.gravity[m]
-            F[i, 3 + k] -= dynamics.heavy[i] * dynamics.gravity[k]
+    X, S, P = place_masses(q, masses)
+    _, A = move_masses(S, v, vdot, masses)
+    forces = np.zeros_like(S)
     tau = dynamics.rotors * vdot + dynamics.damping * v
-    for i in range(N - 1, 0, -1):
+    for i in range(len(S) - 1, 0, -1):
         up, at = tree.parent[i], masses.velocity[i]
+        add_product(A[i], P[i], 1.0, forces[i])
+        for c in range(3):
+            moment = 0.0
+            for j in range(4):
+                moment += dynamics.heavy[i, j] * X[4 * i + j, c]
+            for r in range(3):
+                forces[i, r, c] -= dynamics.gravity[r] * moment
+            forces[i, c, 3] -= dynamics.gravity[c] * dynamics.heavy[i, 3]
         tau[at] += dynamics.stiffness[at] * q[tree.position[i]] - dynamics.slack[at]
-        for k in range(6):
-            tau[at] += S[i, k] * F[i, k]
-            F[up, k] += F[i, k]
+        tau[at] += work(S[i], forces[i])
+        for r in range(3):
+            for c in range(4):
+                forces[up, r, c] += forces[i, r, c]
     return tau
 
 
 @compiled
 def inertia_matrix(q: np.ndarray, dynamics: Dynamics) -> np.ndarray:
     """H (nv, nv) of `joint_torques`, by composite bodies (Featherstone, 2008, chapter
-    6), about the world's origin [kg m^2, kg m or kg].
+    6) [kg m^2, kg m or kg].
 
     Args:
         q: (nv,) in the plant's order.
@@ -122,54 +79,20 @@ def inertia_matrix(q: np.ndarray, dynamics: Dynamics) -> np.ndarray:
     """
     masses = dynamics.masses.value
     tree = masses.tree.value
-    N = len(masses.mass)
-    X = link_poses(q.reshape(1, -1), tree, tree.every)[0]
-    # Of all that a frame carries: mass, mass times centre, inertia about the origin.
-    m, h, J, S = np.zeros(N), np.zeros((N, 3)), np.zeros((N, 3, 3)), np.zeros((N, 6))
-    turned, force = np.empty((3, 3)), np.empty(6)
-    for i in range(1, N):
-        R, p = X[4 * i : 4 * i + 3], X[4 * i + 3]  # R transposed
-        _joint_motion(R, p, masses.turn[i], masses.slide[i], S[i])
-        mass = masses.mass[i]
-        if mass == 0.0:
-            continue
-        m[i] = mass
-        for k in range(3):
-            h[i, k] = mass * p[k]
-            for j in range(3):
-                h[i, k] += mass * masses.centre[i, j] * R[j, k]
-                turned[j, k] = 0.0
-                for c in range(3):
-                    turned[j, k] += masses.inertia[i, j, c] * R[c, k]
-        square = (h[i, 0] ** 2 + h[i, 1] ** 2 + h[i, 2] ** 2) / mass
-        for k in range(3):
-            J[i, k, k] = square
-            for c in range(3):
-                J[i, k, c] -= h[i, k] * h[i, c] / mass
-                for j in range(3):
-                    J[i, k, c] += R[j, k] * turned[j, c]
-    H = np.diag(dynamics.rotors)
-    for i in range(N - 1, 0, -1):
+    _, S, P = place_masses(q, masses)
+    H, forces = np.diag(dynamics.rotors), np.empty((4, 4))
+    for i in range(len(S) - 1, 0, -1):
         up, row = tree.parent[i], masses.velocity[i]
-        for k in range(3):
-            a, b = (k + 1) % 3, (k + 2) % 3
-            force[k] = h[i, a] * S[i, 3 + b] - h[i, b] * S[i, 3 + a]
-            force[3 + k] = m[i] * S[i, 3 + k] - (h[i, a] * S[i, b] - h[i, b] * S[i, a])
-            for c in range(3):
-                force[k] += J[i, k, c] * S[i, c]
+        forces[:] = 0.0
+        add_product(S[i], P[i], 1.0, forces)
         j = i
         while j:
-            value = 0.0
-            for k in range(6):
-                value += S[j, k] * force[k]
-            column = masses.velocity[j]
+            value, column = work(S[j], forces), masses.velocity[j]
             H[row, column] += value
             if j != i:
                 H[column, row] += value
             j = tree.parent[j]
-        m[up] += m[i]
-        for k in range(3):
-            h[up, k] += h[i, k]
-            for c in range(3):
-                J[up, k, c] += J[i, k, c]
+        for r in range(4):
+            for c in range(4):
+                P[up, r, c] += P[i, r, c]
     return H

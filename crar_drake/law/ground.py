@@ -15,11 +15,9 @@ import numpy as np
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.law.balance import (
     BalanceLaw,
-    balance_excess,
     balance_level,
-    balance_rows,
+    examine_balance,
 )
-from crar_drake.law.balance_correction import correction_norm
 from crar_drake.law.compilation import hold
 from crar_drake.law.projection import Rows, hard_rows, stacked
 from crar_drake.law.step import SafetyCheck, State
@@ -41,7 +39,6 @@ class Ground:
     """The constraint of a robot on its soles, whose base is fixed; T never changes.
 
     Attributes:
-        cone: K, what the ground may be asked for.
         weight: of the robot [N].
     """
 
@@ -80,13 +77,12 @@ class Ground:
                 "of a robot that stands; say hold"
             )
         masses = masses_on_soles(model)
-        corners = sole_corners(model, description.soles)
-        self.cone = ground_cone(corners, friction, margin)
-        self.weight = float(masses.mass.sum() * masses.g)
+        cone = ground_cone(sole_corners(model), friction, margin)
+        self.weight = float(masses.inertia[:, 3, 3].sum() * masses.g)
         self._model, self._T = model, T
         self._law = hold(
             BalanceLaw(
-                *(masses, self.cone, model.controlled, T, period),
+                *(masses, cone, model.controlled, T, period),
                 float(min(model.plant.time_step(), period)),
                 *(_FINEST * self.weight, _NEAR * self.weight),
             )
@@ -110,8 +106,9 @@ class Ground:
         self._level = balance_level(self._q, self._v, self._law)
         self._brake: np.ndarray | None = None
         # What evades a tip is to move the tasks the least.
-        root = correction_norm(self._q, _DAMPING, model.robot)
-        state.root = np.tril(root)
+        J = model.task_state(self._q, self._v).J[:, : state.n]
+        norm = J.T @ J + _DAMPING**2 * np.eye(state.n)
+        state.root = np.linalg.cholesky(state.n / np.trace(norm) * norm)
 
     def rows(self, state: State) -> None:
         return None
@@ -119,23 +116,21 @@ class Ground:
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
         _, a = self._model.in_plant(state.q, (s - state.v) / self._T)
         given = self._q, self._v, a, self._level
-        enough = _ROUNDING * self.weight
-        if not correct:
-            excess = balance_excess(*given, self._law)
-            return SafetyCheck(excess <= enough, -excess / self.weight)
-        excess, g, b = balance_rows(*given, enough, self._law)
+        most = _ROUNDING * self.weight
+        asked = most if correct else np.inf
+        excess, *found = examine_balance(*given, asked, self._law)
         left = -excess / self.weight
-        if excess <= enough:
-            return SafetyCheck(True, left)
+        if excess <= most or not correct:
+            return SafetyCheck(excess <= most, left)
         rows = []
         if self._brake is None:
             # About braking first: nearer to what comes out than the nominal is.
             still = np.concatenate((np.zeros(state.n), state.v[state.n :]))
             _, self._brake = self._model.in_plant(state.q, (still - state.v) / self._T)
             of_braking = self._q, self._v, self._brake, self._level
-            _, *about = balance_rows(*of_braking, -np.inf, self._law)
+            _, *about = examine_balance(*of_braking, -np.inf, self._law)
             rows.append(self._of(*about, state))
-        rows.append(self._of(g, b, state))
+        rows.append(self._of(*found, state))
         return SafetyCheck(False, left, stacked(rows))
 
     def _of(self, g: np.ndarray, b: np.ndarray, state: State) -> Rows:

@@ -1,8 +1,7 @@
 """The standing law as a Drake system."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -20,15 +19,12 @@ from crar_drake.law.records import check_finite
 from crar_drake.law.standing_law import StandingLaw, StandingStep
 
 
+@dataclass
 class _Solve:
     """What is cached: contexts to compute in, which no copy shares, and the answer."""
 
-    def __init__(self, law: StandingLaw) -> None:
-        self.law, self.answer = law, None
-        self.contexts = [law.plant.CreateDefaultContext() for _ in range(2)]
-
-    def __deepcopy__(self, memo) -> _Solve:
-        return _Solve(self.law)
+    contexts: list[Context]
+    answer: StandingStep | None = None
 
 
 class StandingController(LeafSystem):
@@ -88,11 +84,14 @@ class StandingController(LeafSystem):
         self._acceleration_port = self.DeclareVectorInputPort(
             "commanded_acceleration", n
         )
+
+        def allocate() -> AbstractValue:
+            contexts = [plant.CreateDefaultContext() for _ in range(2)]
+            return AbstractValue.Make(_Solve(contexts))
+
         self._cache = self.DeclareCacheEntry(
             "solve",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make(_Solve(law)), calc=self._Solve
-            ),
+            ValueProducer(allocate=allocate, calc=self._Solve),
             {self.all_input_ports_ticket()},
         )
         corners = sum(len(corners) for corners in law.corners_at_rest)
@@ -127,14 +126,6 @@ class StandingController(LeafSystem):
     def get_output_port_acceleration(self) -> OutputPort:
         """Port (nv,): accelerations of the plant, as planned."""
         return self._outputs["acceleration"]
-
-    def get_output_port_ground_forces(self) -> OutputPort:
-        """Port (3 C,): planned forces at the corners of the soles [N]."""
-        return self._outputs["ground_forces"]
-
-    def get_output_port_status(self) -> OutputPort:
-        """Port (2,): clipped effort [Nm or N], and whether the robot has fallen."""
-        return self._outputs["status"]
 
     def _MakeCalc(self, values: Callable[[StandingStep], np.ndarray]):
         def calc(context: Context, output: BasicVector) -> None:

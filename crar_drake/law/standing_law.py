@@ -188,9 +188,12 @@ class StandingLaw:
         self._edges = np.column_stack([friction * _WAYS, np.ones(len(_WAYS))])
         margin = self.gains.sole_margin
         self._pressed = [_within(corners, margin) for _, corners in self._soles]
-        self.rest = _rest_positions(plant, description, root.position_start())
-        context = plant.CreateDefaultContext()
-        plant.SetPositions(context, self.rest)
+        context, q = plant.CreateDefaultContext(), zero_positions(plant)
+        for name, value in description.rest_posture.items():
+            q[find_joint(plant, name).position_start()] = value
+        plant.SetPositions(context, q)
+        plant.SetFreeBodyPose(context, self._root, description.rest_pose())
+        self.rest = plant.GetPositions(context)
         self._weight = plant.CalcTotalMass(context) * GRAVITY
         self._soles_at_rest = [f.CalcPoseInWorld(context) for f, _ in self._soles]
         self.corners_at_rest = self.corners(context)
@@ -417,16 +420,3 @@ def _moved(at_rest: np.ndarray, now: np.ndarray) -> RigidTransform:
     R = RotationMatrix.MakeZRotation(np.arctan2(sine, np.sum(p * r)))
     way = middle - R @ middle_0
     return RigidTransform(R, [way[0], way[1], 0.0])
-
-
-def _rest_positions(
-    plant: MultibodyPlant, description: RobotDescription, root: int
-) -> np.ndarray:
-    """(nq,) the rest posture, the root's seven positions from `root` on."""
-    q = zero_positions(plant)
-    X_WB = description.rest_pose()
-    quaternion = X_WB.rotation().ToQuaternion().wxyz()
-    q[root : root + 7] = np.concatenate([quaternion, X_WB.translation()])
-    for name, value in description.rest_posture.items():
-        q[find_joint(plant, name).position_start()] = value
-    return q

@@ -15,7 +15,7 @@ from pydrake.multibody.tree import (
 from crar_drake.errors import ModelError
 from crar_drake.law.compilation import Held, hold
 from crar_drake.law.dynamics import Dynamics
-from crar_drake.law.wrenches import Masses
+from crar_drake.law.masses import Masses
 from crar_drake.robot.kinematics import JointTree
 
 
@@ -31,25 +31,21 @@ def find_masses(
     """
     tree = joints.tree
     N = len(tree.parent)
-    mass, moment = np.zeros(N), np.zeros((N, 3))
-    about_frame = np.zeros((N, 3, 3))
+    inertia = np.zeros((N, 4, 4))
     context = plant.CreateDefaultContext()
     for i in sorted(bodies):
         body = plant.get_body(BodyIndex(i))
         frame, X = joints.place(body)
         M = body.CalcSpatialInertiaInBodyFrame(context)
-        if not M.get_mass() > 0.0:
+        m, own = M.get_mass(), np.empty((4, 4))
+        if not m > 0.0:
             continue
-        M = M.ReExpress(X.rotation()).Shift(-X.translation())
-        mass[frame] += M.get_mass()
-        moment[frame] += M.get_mass() * M.get_com()
-        about_frame[frame] += M.CalcRotationalInertia().CopyToFullMatrix3()
-    centre = moment / np.where(mass > 0.0, mass, 1.0)[:, None]
-    own = [
-        about - m * (c @ c * np.eye(3) - np.outer(c, c))
-        for about, m, c in zip(about_frame, mass, centre, strict=True)
-    ]
-    square = 0.5 * np.trace(about_frame, axis1=1, axis2=2)
+        turned = M.CalcRotationalInertia().CopyToFullMatrix3()
+        own[:3, :3] = 0.5 * np.trace(turned) * np.eye(3) - turned
+        own[:3, 3] = own[3, :3] = m * M.get_com()
+        own[3, 3] = m
+        E = X.GetAsMatrix4()
+        inertia[frame] += E @ own @ E.T
     velocity = np.zeros(N, dtype=int)
     velocity[joints.frame_of_velocity] = np.arange(len(joints.frame_of_velocity))
     turn, slide = np.zeros((N, 3)), np.zeros((N, 3))
@@ -60,11 +56,7 @@ def find_masses(
         velocity,
         turn,
         slide,
-        mass,
-        centre,
-        np.array(own),
-        np.linalg.norm(tree.fixed[:, 3, :3], axis=1),
-        np.sqrt(square / np.where(mass > 0.0, mass, 1.0)),
+        inertia,
         float(-plant.gravity_field().gravity_vector()[2]),
     )
 
@@ -122,8 +114,7 @@ def find_dynamics(
         Dynamics(
             hold(masses),
             plant.gravity_field().gravity_vector(),
-            heavy.mass,
-            heavy.mass[:, None] * heavy.centre,
+            np.ascontiguousarray(heavy.inertia[:, 3]),
             rotors,
             damping,
             stiffness,

@@ -1,6 +1,6 @@
 """What a robot stands with: its masses, and the wrenches that the ground can give."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from pydrake.multibody.tree import BodyIndex
@@ -8,7 +8,8 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from crar_drake.errors import ModelError
-from crar_drake.law.balance import Ground, Masses
+from crar_drake.law.balance import WrenchCone
+from crar_drake.law.masses import Masses
 from crar_drake.robot.description import FLOOR_TOLERANCE, find_body
 from crar_drake.robot.dynamics import find_masses
 from crar_drake.robot.model import ControlModel
@@ -71,13 +72,8 @@ def _on_soles(model: ControlModel) -> set[int]:
     return found
 
 
-def sole_corners(
-    model: ControlModel, soles: Mapping[str, Sequence[Sequence[float]]]
-) -> list[np.ndarray]:
+def sole_corners(model: ControlModel) -> list[np.ndarray]:
     """Where the soles are while the robot stands: of each (V, 3) corners in W [m].
-
-    Args:
-        soles: link to the corners of its flat sole, in the link's frame [m].
 
     Raises:
         ModelError: a link is none of the robot's, or a joint that does not just hold
@@ -92,7 +88,7 @@ def sole_corners(
         if source == "hold"
     }
     found = []
-    for link, corners in soles.items():
+    for link, corners in model.description.soles.items():
         body = find_body(plant, link)
         frame, _ = model.joints.place(body)
         movers = np.flatnonzero(model.joints.moved_by[frame])
@@ -143,7 +139,9 @@ def shrunk(corners: np.ndarray, margin: float) -> np.ndarray:
     return middle + found @ axes[:2]
 
 
-def ground_cone(soles: Sequence[np.ndarray], friction: float, margin: float) -> Ground:
+def ground_cone(
+    soles: Sequence[np.ndarray], friction: float, margin: float
+) -> WrenchCone:
     """K: the sum of what the ground can give at the corners of the soles' hull, shrunk.
 
     At each it pushes within a pyramid of friction, whose edges are in the circular
@@ -184,7 +182,7 @@ def ground_cone(soles: Sequence[np.ndarray], friction: float, margin: float) -> 
     # Back to moments about the world's origin: r_M . (M - about x F) + ...
     moved = rows.copy()
     moved[:, 3:] -= np.cross(rows[:, :3], about)
-    return Ground(
+    return WrenchCone(
         np.ascontiguousarray(moved),
         np.linalg.norm(rows[:, :3], axis=1),
         np.linalg.norm(rows[:, 3:], axis=1),

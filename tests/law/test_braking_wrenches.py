@@ -1,5 +1,6 @@
 """(B1)-(B6): wrenches, the ground's cone, and their bounds on braking paths."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,20 +12,21 @@ from standing_robots import standing_robot
 from crar_drake.errors import ModelError
 from crar_drake.law.balance import (
     BalanceLaw,
-    balance_excess,
+    Examined,
+    after,
     balance_level,
-    balance_rows,
-    examine_braking,
-    examine_step,
-    next_state,
+    examine,
+    examine_balance,
 )
-from crar_drake.law.balance_correction import correction_norm
 from crar_drake.law.compilation import hold
+from crar_drake.law.ground import Ground
 from crar_drake.law.projection import project
+from crar_drake.law.step import State
 from crar_drake.law.wrenches import wrench_slopes, wrenches
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.soles import ground_cone, masses_on_soles, shrunk, sole_corners
 from crar_drake.robot.standing import standing_description
+from crar_drake.robot.task import position_tasks
 
 T, PERIOD = 0.1, 0.01
 
@@ -36,11 +38,11 @@ class Standing:
         description = standing_description(description)
         self.model = ControlModel.FromDescription(description, [], time_step=0.0)
         self.masses = masses_on_soles(self.model)
-        self.soles = sole_corners(self.model, description.soles)
-        self.ground = ground_cone(self.soles, 0.5, 0.02)
+        self.soles = sole_corners(self.model)
+        self.cone = ground_cone(self.soles, 0.5, 0.02)
         self.plant = self.model.plant
         self.context = self.plant.CreateDefaultContext()
-        self.weight = self.masses.mass.sum() * self.masses.g
+        self.weight = self.masses.inertia[:, 3, 3].sum() * self.masses.g
 
     def state(self, rng, fast=1.0):
         """Positions, velocities and accelerations, legs at rest."""
@@ -85,10 +87,22 @@ class Standing:
     def law(self, step=0.0, near=None):
         return hold(
             BalanceLaw(
-                self.masses, self.ground, self.model.controlled, T, PERIOD, step,
+                self.masses, self.cone, self.model.controlled, T, PERIOD, step,
                 2e-4 * self.weight, 0.1 * self.weight if near is None else near,
             )
         )  # fmt: skip
+
+
+def examine_braking(q, v, level, close, law) -> Examined:
+    return examine(q, v, -v / T, True, level, close, law)
+
+
+def examine_step(q, v, a, level, close, law) -> Examined:
+    return examine(q, v, a, False, level, close, law)
+
+
+def excess_of(q, v, a, level, law) -> float:
+    return examine_balance(q, v, a, level, np.inf, law)[0]
 
 
 @pytest.fixture(scope="module", params=["revolute", "prismatic"])
@@ -106,12 +120,10 @@ def test_wrenches_are_newtons_and_eulers(robot):
     rng = np.random.default_rng(0)
     for _ in range(5):
         q, v, a = robot.state(rng)
-        found = wrenches(q, v, robot.masses)
-        pushed = wrenches(q, a, robot.masses).momentum
-        expected = robot.asked(q, v, a)
-        np.testing.assert_allclose(
-            found.weight + found.turning + pushed, expected, rtol=0, atol=1e-9
-        )
+        for turns, pushes in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):
+            w = wrenches(q, turns * v, pushes * a, robot.masses)
+            expected = robot.asked(q, turns * v, pushes * a)
+            np.testing.assert_allclose(w.sum(axis=0), expected, rtol=0, atol=1e-9)
 
 
 def test_the_cone_is_what_forces_at_the_corners_can_give(robot):
@@ -129,7 +141,7 @@ def test_the_cone_is_what_forces_at_the_corners_can_give(robot):
         w = edges @ rng.exponential(1.0, edges.shape[1]) ** 4
         w += rng.normal(0.0, 0.03, 6) * w[5]
         _, lacks = nnls(edges, w)
-        value = (robot.ground.rows @ w).max()
+        value = (robot.cone.rows @ w).max()
         if abs(value) > 1e-6 * w[5]:
             assert (lacks < 1e-7 * w[5]) == (value < 0.0)
             inside += value < 0.0
@@ -168,7 +180,7 @@ def test_feet_that_are_smaller_than_the_margin_share_what_is_asked_of_their_hull
 @pytest.mark.parametrize("fast", [0.3, 1.0, 4.0])
 def test_no_wrench_of_a_braking_path_is_above_its_bound(robot, fast, close):
     rng, h, law = np.random.default_rng(2), PERIOD / T, robot.law().value
-    level = np.zeros(len(robot.ground.rows))
+    level = np.zeros(len(robot.cone.rows))
     for _ in range(4):
         q, v, _ = robot.state(rng, fast)
         found = examine_braking(q, v, level, close, law)
@@ -178,7 +190,7 @@ def test_no_wrench_of_a_braking_path_is_above_its_bound(robot, fast, close):
             kappa = (1.0 - u) * rng.uniform() ** 0.3
             share = rng.uniform(kappa, min(1.0, kappa / (1.0 - h)))
             w = robot.asked(q + u * T * v, kappa * v, -share * v / T)
-            most = np.maximum(most, robot.ground.rows @ w)
+            most = np.maximum(most, robot.cone.rows @ w)
         assert (most <= found.values + 1e-9 * robot.weight).all()
         assert (found.seen <= found.values).all()
         # And the bound is no idle one: corners of (B2) come near it.
@@ -190,17 +202,17 @@ def test_no_wrench_of_a_braking_path_is_above_its_bound(robot, fast, close):
 @pytest.mark.parametrize("step", [0.0, PERIOD])
 def test_no_wrench_of_a_step_is_above_its_bound(robot, step, fast):
     rng, law = np.random.default_rng(3), robot.law(step).value
-    level, inside = np.zeros(len(robot.ground.rows)), 0
+    level, inside = np.zeros(len(robot.cone.rows)), 0
     for close in (0.0, 0.1, 1.0):
         for _ in range(4):
             q, v, a = robot.state(rng, fast)
             found = examine_step(q, v, a, level, close, law)
-            inside += ((found.at > 0.0) & (found.at < 1.0)).sum()
+            inside += ((found.at[:, 0] > 0.0) & (found.at[:, 0] < 1.0)).sum()
             for t in np.linspace(0.0, PERIOD, 13):
                 there = q + t * v + 0.5 * t * (t + step) * a
                 w = robot.asked(there, v + t * a, a)
                 most = found.values + 1e-9 * np.abs(w).max()
-                assert (robot.ground.rows @ w <= most).all()
+                assert (robot.cone.rows @ w <= most).all()
             if not close:  # fast or not, pieces add little to what may be the worst
                 assert (found.values - found.seen).max() <= 2.1 * law.finest
     assert inside or fast < 3.0
@@ -211,43 +223,39 @@ def test_braking_from_a_balanced_state_stays_balanced(robot, step):
     rng, law, tried = np.random.default_rng(4), robot.law(step), 0
     while tried < 30:
         q, v, _ = robot.state(rng, 0.2)
-        found = examine_braking(q, v, np.zeros(len(robot.ground.rows)), 0.0, law.value)
+        found = examine_braking(q, v, np.zeros(len(robot.cone.rows)), 0.0, law.value)
         if found.values.max() > 0.0:
             continue
         tried += 1
         for _ in range(5):
             a = -v / T
-            q, v = next_state(q, v, a, law.value)
+            q, v = after(q, v, a, PERIOD, step)
             assert not balance_level(q, v, law).any()
 
 
 def test_slopes_are_those_of_the_wrenches(robot):
     rng, masses = np.random.default_rng(6), robot.masses
-    joints = robot.model.controlled
-    e = 1e-6
+    joints, e = robot.model.controlled, 1e-6
     for _ in range(3):
-        q, x, _ = robot.state(rng, 2.0)
-        slopes = wrench_slopes(q, x, joints, masses)
+        at = robot.state(rng, 2.0)
+        slopes = wrench_slopes(*at, joints, masses)
         for j, joint in enumerate(joints):
-            step = np.zeros(len(x))
-            step[joint] = e
-            by_q, by_x = (
-                [(a - b) / (2.0 * e) for a, b in zip(*ends, strict=True)]
-                for ends in (
-                    (wrenches(q + step, x, masses), wrenches(q - step, x, masses)),
-                    (wrenches(q, x + step, masses), wrenches(q, x - step, masses)),
-                )
-            )
-            expected = [by_q[0], by_q[1], by_x[1], by_q[2], by_x[2]]
-            np.testing.assert_allclose(slopes[j], expected, rtol=1e-5, atol=1e-5)
+            for k in range(3):
+                ends = []
+                for sign in (1.0, -1.0):
+                    moved = [x.copy() for x in at]
+                    moved[k][joint] += sign * e
+                    ends.append(wrenches(*moved, masses).sum(axis=0))
+                expected = (ends[0] - ends[1]) / (2.0 * e)
+                np.testing.assert_allclose(slopes[j, k], expected, rtol=1e-5, atol=1e-5)
 
 
 def test_faces_far_below_their_level_have_no_rows(robot):
     rng = np.random.default_rng(5)
     q, v, a = robot.state(rng, 0.1)
-    level = np.zeros(len(robot.ground.rows))
-    _, g, b = balance_rows(q, v, a, level, -np.inf, robot.law(near=np.inf))
-    _, near, c = balance_rows(q, v, a, level, -np.inf, robot.law())
+    level = np.zeros(len(robot.cone.rows))
+    _, g, b = examine_balance(q, v, a, level, -np.inf, robot.law(near=np.inf))
+    _, near, c = examine_balance(q, v, a, level, -np.inf, robot.law())
     kept = np.isfinite(c)
     assert np.isfinite(b).all() and 0 < kept.sum() < len(b)
     np.testing.assert_array_equal(near[kept], g[kept])
@@ -257,11 +265,17 @@ def test_faces_far_below_their_level_have_no_rows(robot):
 
 
 def test_the_nearest_accelerations_are_those_of_a_quadratic_program(robot):
-    rng, model = np.random.default_rng(7), robot.model
-    n = len(model.controlled)
-    root = np.tril(correction_norm(model.rest_positions(), 0.3, model.robot))
+    rng, tasks = np.random.default_rng(7), position_tasks(["hand"])
+    description = robot.model.description
+    model = ControlModel.FromDescription(description, tasks, time_step=0.0)
+    n, nv = len(model.controlled), robot.plant.num_velocities()
+    q, v = model.in_order(model.rest_positions(), np.zeros(nv))
+    state = State(q, v, n, T, PERIOD, 0.0, lambda T: np.zeros(n))
+    Ground(model, T, PERIOD, 0.5, 0.02).begin(state)
+    root = state.root
     norm = root @ root.T
     assert np.trace(norm) == pytest.approx(n)
+    assert np.abs(norm - np.eye(n)).max() > 0.1
     changed = 0
     for _ in range(20):
         wanted, g = rng.normal(0.0, 5.0, n), rng.normal(0.0, 1.0, (4, n))
@@ -291,29 +305,28 @@ def test_the_nearest_accelerations_are_those_of_a_quadratic_program(robot):
 def test_rows_are_the_derivatives_of_the_faces(robot, at):
     """By Drake, where each face is found to be largest."""
     rng, law = np.random.default_rng(5), robot.law(near=np.inf)
-    F = len(robot.ground.rows)
+    F = len(robot.cone.rows)
     q, v, a = robot.state(rng, 0.5)
     level = np.zeros(F)
-    excess, g, b = balance_rows(q, v, a, level, -np.inf, law)
-    assert (excess > 0.0) == (balance_excess(q, v, a, level, law) > 0.0)
+    excess, g, b = examine_balance(q, v, a, level, -np.inf, law)
+    assert (excess > 0.0) == (excess_of(q, v, a, level, law) > 0.0)
     if at == "in the step":
         rows, bounds = g[:F], b[:F]
         found = examine_step(q, v, a, level, 0.1, law.value)
     else:
         rows, bounds = g[F:], b[F:]
-        found = examine_braking(*next_state(q, v, a, law.value), level, 0.1, law.value)
+        found = examine_braking(*after(q, v, a, PERIOD, 0.0), level, 0.1, law.value)
 
     def value(face, more):
-        u = found.at[face]
+        u, share, brake = found.at[face]
         if at == "in the step":
             t = u * PERIOD
             there = q + t * v + 0.5 * t * t * more
             w = robot.asked(there, v + t * more, more)
         else:
-            end, x = next_state(q, v, more, law.value)
-            share, brake = found.share[face], found.brake[face]
+            end, x = after(q, v, more, PERIOD, 0.0)
             w = robot.asked(end + u * T * x, share * x, -brake * x / T)
-        return robot.ground.rows[face] @ w
+        return robot.cone.rows[face] @ w
 
     for face in range(F):
         assert value(face, a) <= found.values[face] + 1e-9 * robot.weight
@@ -330,10 +343,10 @@ def test_an_excess_is_the_larger_of_step_and_path(robot):
     law, still = robot.law(), np.zeros(robot.plant.num_velocities())
     q = robot.model.rest_positions()
     level = balance_level(q, still, law)
-    assert not level.any() and balance_excess(q, still, still, level, law) < 0.0
+    assert not level.any() and excess_of(q, still, still, level, law) < 0.0
     lift = still.copy()
     lift[robot.model.controlled] = 200.0
-    assert balance_excess(q, still, lift, level, law) > 0.0
+    assert excess_of(q, still, lift, level, law) > 0.0
 
 
 def test_a_sole_is_smaller_by_the_margin_at_each_edge_and_by_no_more():
@@ -368,4 +381,6 @@ def test_soles_that_cannot_stand(robot):
     with pytest.raises(ModelError, match="stand on edge"):
         ground_cone(wall, 0.5, 0.0)
     with pytest.raises(ModelError, match="forearm is moved by elbow, shoulder"):
-        sole_corners(robot.model, {"forearm": [[0, 0, 0], [1, 0, 0], [0, 1, 0]]})
+        soles = {"forearm": [[0, 0, 0], [1, 0, 0], [0, 1, 0]]}
+        description = replace(robot.model.description, soles=soles)
+        sole_corners(ControlModel.FromDescription(description, [], time_step=0.0))

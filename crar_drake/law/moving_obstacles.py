@@ -23,7 +23,7 @@ from crar_drake.law.approach import (
     pair_margins,
     pair_rates,
 )
-from crar_drake.law.collisions import distance_gradient_about_origin
+from crar_drake.law.capsule_distances import distance_gradient_about_origin
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.kinematics import joint_motion, link_poses, place_points
 from crar_drake.law.path_balls import least_length
@@ -399,8 +399,7 @@ def link_distances(
                 d[k], n[k] = far, normal
     # The line of the shortest distance passes the centre: so does the force.
     centre, moves = spheres.centre[near[:, 1]], links.carried[near[:, 0]]
-    S = at.S.reshape(1, 6, -1)
-    return d, distance_gradient_about_origin(n, centre, S, moves)[0], n
+    return d, distance_gradient_about_origin(n, centre, at.S, moves), n
 
 
 @compiled

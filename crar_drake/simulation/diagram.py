@@ -5,9 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.geometry import (
+    CollisionFilterDeclaration,
+    GeometrySet,
+    Meshcat,
+    SceneGraph,
+)
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.lcm import ApplyLcmBusConfig
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
@@ -312,9 +317,9 @@ def MakeCrarDiagram(
     Subsystems, by name: "plant", "scene_graph", "crar_controller",
     "desired_tasks", (if there are prescribed joints) "desired_prescribed" and (if there
     are any) "obstacles"; one "log_state", "log_desired_tasks" and "log_diagnostics" (of
-    the controller), "log_obstacles"; without
-    contact "nothing_to_touch", an empty scene; with `meshcat` its visualiser. The
-    default context starts at rest in a valid pose near the first target.
+    the controller), "log_obstacles"; with `meshcat` its visualiser. The plant asks its
+    own scene for contact, from which filters leave out what the scenario does not want
+    to touch. The default context starts at rest in a valid pose near the first target.
 
     Exported outputs: "state", "query", "desired_tasks" and every output of the
     controller. There are no inputs.
@@ -346,7 +351,7 @@ def MakeCrarDiagram(
         add_contact_ground(plant, scene_graph, description, friction, law.floor)
     plant.Finalize()
     if law is None and not scenario.simulated_robot.contact:
-        _touch_nothing(builder, plant, scene_graph)
+        _leave_out_contact(plant, scene_graph)
     plant.SetDefaultPositions(setup.start_positions)
 
     parameters, time_step = scenario.controller, plant.time_step()
@@ -489,15 +494,14 @@ def _lift_limits(plant: MultibodyPlant, simulated: SimulatedRobot) -> None:
         plant.RemoveAllJointActuatorEffortLimits()
 
 
-def _touch_nothing(
-    builder: DiagramBuilder, plant: MultibodyPlant, scene_graph: SceneGraph
-) -> None:
-    """Lets the plant ask an empty scene what touches: in each step its own would first
-    have to place every shape."""
-    port = plant.get_geometry_query_input_port()
-    builder.Disconnect(scene_graph.get_query_output_port(), port)
-    nothing = builder.AddNamedSystem("nothing_to_touch", SceneGraph())
-    builder.Connect(nothing.get_query_output_port(), port)
+def _leave_out_contact(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+    """Filters every pair of shapes: contact would hide that the law let them touch."""
+    frames = [
+        plant.GetBodyFrameIdOrThrow(BodyIndex(i)) for i in range(plant.num_bodies())
+    ]
+    scene_graph.collision_filter_manager().Apply(
+        CollisionFilterDeclaration().ExcludeWithin(GeometrySet(frames))
+    )
 
 
 def _draw(

@@ -256,12 +256,14 @@ def test_it_starts_at_rest_and_valid(built):
 
 
 def what_may_touch(diagram):
-    """The pairs of shapes that the plant may find in contact."""
+    """The pairs of shapes that the plant may find in contact, in its own scene."""
     plant = diagram.GetSubsystemByName("plant")
     root = diagram.CreateDefaultContext()
     context = plant.GetMyContextFromRoot(root)
-    query = plant.get_geometry_query_input_port().Eval(context)
-    return query.inspector().GetCollisionCandidates()
+    inspector = plant.get_geometry_query_input_port().Eval(context).inspector()
+    in_plant = plant.num_collision_geometries()
+    assert inspector.num_geometries() >= in_plant > 0
+    return inspector.GetCollisionCandidates()
 
 
 def test_nothing_hides_a_violation(built):

@@ -19,7 +19,7 @@ from pydrake.multibody.tree import RigidBody
 from crar_drake.errors import ModelError
 from crar_drake.law.capsule_distances import ShapePairs, capsule_sizes
 from crar_drake.law.compilation import hold
-from crar_drake.robot.description import GROUND
+from crar_drake.robot.description import GROUND, link_names
 from crar_drake.robot.hulls import (
     Hull,
     hull_of,
@@ -153,8 +153,9 @@ class WatchedPairs:
             for body, is_flat in zip(self.bodies, flat, strict=True)
             if is_flat
         }
+        links = link_names(plant)
         self.names = tuple(
-            tuple(ground.get(int(body.index()), body.name()) for body in pair)
+            tuple(ground.get(int(body.index()), links[body.index()]) for body in pair)
             for pair in pairs
         )
         for k, (a, b) in enumerate(zip(self.body_a, self.body_b, strict=True)):

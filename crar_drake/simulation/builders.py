@@ -33,8 +33,8 @@ from crar_drake.robot.task import Task, check_tasks
 from crar_drake.simulation.border import Border
 from crar_drake.simulation.scenario import check_multiple
 
-# With Drake's default contact a G1 stands at steps up to this, and explodes at twice it
-# [s].
+# With Drake's default contact a robot stands at steps up to this; at twice it contact
+# shakes it, and a heavier one is thrown to infinity [s].
 LONGEST_STANDING_STEP = 2.5e-3
 
 Instances = ModelInstanceIndex | Sequence[ModelInstanceIndex]

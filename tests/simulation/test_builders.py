@@ -28,12 +28,15 @@ from crar_drake import (
     LookaheadParameters,
     ModelError,
     PaperParameters,
+    RobotDescription,
     ScenarioError,
     Task,
+    joint_tasks,
     load_robot_description,
     position_tasks,
 )
 from crar_drake.resources import data_folder
+from crar_drake.robot.joints import joint_units
 
 TIP = [Task(frame="tip")]
 
@@ -102,6 +105,7 @@ class Cell:
         diagram = self.builder.Build()
         simulator = Simulator(diagram)
         root, nearest = simulator.get_context(), np.inf
+        self.root = root
         query = self.scene_graph.get_query_output_port()
         of_scene = self.scene_graph.GetMyContextFromRoot(root)
         self.promises = []
@@ -238,6 +242,22 @@ def test_two_arms_of_one_kind():
     with silence():
         both = cell.control(tips, model_instance=arms)
     assert both.model.n == 6 and ("chain::l2", "chain_1::l2") in both.model.pairs.names
+    assert joint_units(both.model.plant, both.model.joint_names) == ["rad"] * 6
+    mixed = Cell()
+    arms = [mixed.arm(), mixed.arm(at=(0.0, 1.0, 0.0))]
+    mixed.thing(Sphere(0.05), [3.0, 0.0, 0.0], "ball", free=True)
+    mixed.plant.Finalize()
+    controller = mixed.control(joint_tasks(["chain_1::j2"]), model_instance=arms)
+    assert controller.model.layout.rows.joints.tolist() == [5]
+    source = mixed.builder.AddSystem(ConstantVectorSource([0.3, 0.0, 0.0]))
+    mixed.builder.Connect(
+        source.get_output_port(), controller.get_input_port_desired_tasks()
+    )
+    simulator = Simulator(mixed.builder.Build())
+    simulator.AdvanceTo(1.0)
+    context = mixed.plant.GetMyContextFromRoot(simulator.get_context())
+    turned = mixed.plant.GetPositions(context, arms[1])
+    np.testing.assert_allclose(turned, [0.0, 0.0, 0.3], atol=1e-3)
     with pytest.raises(ModelError, match="chain, chain_1 have actuators; say which"):
         cell.control()
 
@@ -330,6 +350,29 @@ def test_two_robots_in_one_diagram_do_as_each_alone():
     ):
         for found, its in zip(both, expected, strict=True):
             np.testing.assert_array_equal(found, its)
+
+
+def test_links_that_nobody_watches_do_not_push(tmp_path):
+    """They are inside each other at rest, as an import's capsules often are."""
+    ball = '<sphere radius="0.32"/>'
+    (tmp_path / "robot.urdf").write_text(chain_urdf("zyzy", shapes=(ball,), extra=""))
+    described = RobotDescription(
+        name="fat",
+        model="robot.urdf",
+        base="base",
+        pairs=[["l0", "l3"]],
+        folder=str(tmp_path),
+    )
+    cell = Cell()
+    AddRobot(cell.plant, described)
+    with silence():
+        controller = cell.control()
+    assert controller.model.pairs.names == (("l0", "l3"),)
+    assert cell.run(controller) > 4e-3
+    port = cell.plant.get_contact_results_output_port()
+    context = cell.plant.GetMyContextFromRoot(cell.root)
+    assert port.Eval(context).num_point_pair_contacts() == 0
+    assert set(cell.promises) == {"guaranteed"} and max(cell.errors) < 1e-2
 
 
 # --- what is refused --------------------------------------------------------------

@@ -580,8 +580,6 @@ OF_DRAKE = ("geometry", "math", "multibody.tree", "systems.analysis", "visualiza
 def _wired(given: Given) -> Wired:
     if "AddRobot" in given.code:
         return empty_plant()
-    if "model_instance=arm" in given.code:
-        return robot_by_its_own_file()
     return put_in_plant(finalized="Finalize" not in given.code)
 
 
@@ -600,7 +598,6 @@ USERS_OWN = {
     "plant": lambda given: given.wired.plant,
     "scene_graph": lambda given: given.wired.scene_graph,
     "robot": lambda given: given.wired.robot,
-    "arm": lambda given: given.wired.robot,  # its instance, by its own file
     "tasks": lambda given: tasks_of([("position", POINT)]),
     "parameters": lambda given: crar_drake.LookaheadParameters(),
     "controller": lambda given: add_controller(given.wired).controller,

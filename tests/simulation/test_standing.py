@@ -231,12 +231,11 @@ def test_it_stands_beside_other_things(folder) -> None:
     )
     rest = model.rest_positions()
     target = model.tasks_at(rest)
-    target[2] += 0.05
-    ports = controller.get_input_port_desired_tasks()
-    values = [(target, ports)]
-    held = model.prescribed_at(rest)
-    values.append((held, controller.get_input_port_desired_prescribed()))
-    for value, port in values:
+    target[:3] = hand_at(0.5, 0.5)
+    for value, port in (
+        (target, controller.get_input_port_desired_tasks()),
+        (model.prescribed_at(rest), controller.get_input_port_desired_prescribed()),
+    ):
         source = builder.AddSystem(ConstantVectorSource(value))
         builder.Connect(source.get_output_port(), port)
     simulator = Simulator(builder.Build())

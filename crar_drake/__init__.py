@@ -11,6 +11,7 @@ from crar_drake.version import __version__ as __version__
 if TYPE_CHECKING:
     from crar_drake.errors import (
         CrarError,
+        CrarWarning,
         InputError,
         ModelError,
         MotionError,
@@ -39,28 +40,31 @@ if TYPE_CHECKING:
     from crar_drake.robot.description import RobotDescription, load_robot_description
     from crar_drake.robot.model import ControlModel
     from crar_drake.robot.standing import standing_description
-    from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks
-    from crar_drake.simulation.contact_ground import add_contact_ground
-    from crar_drake.simulation.diagram import (
+    from crar_drake.robot.task import EXPERIMENTS, Task, joint_tasks, position_tasks
+    from crar_drake.simulation.builders import (
         AddCrarController,
         AddRobot,
         AddStandingController,
-        MakeCrarDiagram,
     )
+    from crar_drake.simulation.contact_ground import add_contact_ground
+    from crar_drake.simulation.diagram import MakeCrarDiagram
     from crar_drake.simulation.scenario import Scenario, load_scenario
+    from crar_drake.targets.motion_source import MotionSource
+    from crar_drake.targets.pose_targets import PoseTargets
     from crar_drake.targets.start_pose import solve_start_pose
 
 # Public name to its module. They are imported when first asked for: Drake and SciPy
 # take two seconds, which `crar-drake --help` and a mistyped option need not wait for.
 _MODULES = {
-    "AddCrarController": "simulation.diagram",
-    "AddRobot": "simulation.diagram",
-    "AddStandingController": "simulation.diagram",
+    "AddCrarController": "simulation.builders",
+    "AddRobot": "simulation.builders",
+    "AddStandingController": "simulation.builders",
     "BalanceParameters": "law.parameters",
     "ControlLaw": "law.control_law",
     "ControlModel": "robot.model",
     "CrarController": "law.controller",
     "CrarError": "errors",
+    "CrarWarning": "errors",
     "EXPERIMENTS": "robot.task",
     "FilterCommand": "law.safety_filter",
     "FilterReport": "law.safety_filter",
@@ -69,8 +73,10 @@ _MODULES = {
     "MakeCrarDiagram": "simulation.diagram",
     "ModelError": "errors",
     "MotionError": "errors",
+    "MotionSource": "targets.motion_source",
     "PaperGains": "law.parameters",
     "PaperParameters": "law.parameters",
+    "PoseTargets": "targets.pose_targets",
     "Obstacles": "law.obstacles",
     "RobotDescription": "robot.description",
     "SafetyParameters": "law.parameters",
@@ -84,6 +90,7 @@ _MODULES = {
     "Task": "robot.task",
     "TaskLayout": "law.tasks",
     "add_contact_ground": "simulation.contact_ground",
+    "joint_tasks": "robot.task",
     "load_robot_description": "robot.description",
     "load_scenario": "simulation.scenario",
     "position_tasks": "robot.task",
@@ -100,6 +107,7 @@ __all__ = [
     "ControlModel",
     "CrarController",
     "CrarError",
+    "CrarWarning",
     "EXPERIMENTS",
     "FilterCommand",
     "FilterReport",
@@ -108,9 +116,11 @@ __all__ = [
     "MakeCrarDiagram",
     "ModelError",
     "MotionError",
+    "MotionSource",
     "Obstacles",
     "PaperGains",
     "PaperParameters",
+    "PoseTargets",
     "RobotDescription",
     "SafetyFilter",
     "SafetyFilterSystem",
@@ -123,6 +133,7 @@ __all__ = [
     "Task",
     "TaskLayout",
     "add_contact_ground",
+    "joint_tasks",
     "load_robot_description",
     "load_scenario",
     "position_tasks",

@@ -7,6 +7,7 @@ import difflib
 import math
 import os
 import re
+import warnings
 from collections.abc import Iterable, Sequence
 
 
@@ -30,6 +31,11 @@ class InputError(CrarError):
     """A value that reached the controller at run time cannot be used."""
 
 
+class CrarWarning(UserWarning):
+    """What a user has to know of a set-up that is taken: it lessens what is promised,
+    or something given has no effect."""
+
+
 class WriteError(CrarError):
     """A file or folder cannot be written.
 
@@ -47,6 +53,17 @@ class WriteError(CrarError):
     def __reduce__(self) -> tuple:
         # Processes of a pool send their errors.
         return WriteError, (self.path, self._why)
+
+
+def tell(line: str, strict: bool) -> None:
+    """Warns of what a user has to know.
+
+    Raises:
+        ModelError: strict.
+    """
+    if strict:
+        raise ModelError(line)
+    warnings.warn(CrarWarning(line), stacklevel=4)
 
 
 def check_vector(

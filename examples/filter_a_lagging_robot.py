@@ -14,15 +14,19 @@ from pydrake.systems.primitives import DiscreteTimeDelay as Delay
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from crar_drake import AddRobot, SafetyFilter, SafetyFilterSystem
+from crar_drake import (
+    AddRobot,
+    SafetyFilter,
+    SafetyFilterSystem,
+    load_robot_description,
+)
 from crar_drake.judging.referee import Referee
 
 PERIOD, LATENCY = 0.01, 2  # [s], periods
 seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 4.0
 builder = DiagramBuilder()
 plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
-description = AddRobot(plant, "obstacle_arm")
-arm = plant.GetModelInstanceByName("arm")
+arm = AddRobot(plant, "obstacle_arm")
 for index in plant.GetJointActuatorIndices():
     gains = PdControllerGains(p=3000.0, d=150.0)
     plant.get_mutable_joint_actuator(index).set_controller_gains(gains)
@@ -50,6 +54,7 @@ late.GetMyMutableContextFromRoot(context).SetDiscreteState(begin)
 simulator.AdvanceTo(seconds)
 q = log.FindLog(context).data().T[:, : len(rest)]
 error = np.nanmax(told.FindLog(context).data()[4])
-found = Referee(plant, scene_graph, description.pairs).violations(q)
+pairs = load_robot_description("obstacle_arm").pairs
+found = Referee(plant, scene_graph, pairs).violations(q)
 print(f"the arm is off its command by up to {np.degrees(error):.1f} degrees")
 print(f"nearest {1e3 * found.smallest_distance:.1f} mm, {found.num_violated} violated")

@@ -10,14 +10,18 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
-from crar_drake import AddRobot, SafetyFilter, SafetyFilterSystem
+from crar_drake import (
+    AddRobot,
+    SafetyFilter,
+    SafetyFilterSystem,
+    load_robot_description,
+)
 from crar_drake.judging.referee import Referee
 
 DiffIK, PERIOD = inverse_kinematics.DifferentialInverseKinematicsSystem, 0.01  # [s]
 robot = RobotDiagramBuilder(time_step=0.0)
-description = AddRobot(robot.plant(), "obstacle_arm")
+arms = [AddRobot(robot.plant(), "obstacle_arm")]
 robot.plant().Finalize()
-arms = [robot.plant().GetModelInstanceByName("arm")]
 model = robot.Build()
 plant, at_rest = model.plant(), model.plant().CreateDefaultContext()
 X_WT = plant.GetFrameByName("tool").CalcPoseInWorld(at_rest)
@@ -56,5 +60,6 @@ context = ik.GetMyMutableContextFromRoot(simulator.get_mutable_context())
 ik.get_input_port_nominal_posture().FixValue(context, plant.GetPositions(at_rest))
 simulator.AdvanceTo(2.0)
 q = log.FindLog(simulator.get_context()).data().T
-found = Referee(plant, model.scene_graph(), description.pairs).violations(q)
+pairs = load_robot_description("obstacle_arm").pairs
+found = Referee(plant, model.scene_graph(), pairs).violations(q)
 print(f"nearest {1e3 * found.smallest_distance:.1f} mm, {found.num_violated} violated")

@@ -7,7 +7,6 @@ the live view is printed; afterwards the page has all of it, and needs no networ
 """
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +38,8 @@ tasks = position_tasks(["left_wrist", "right_wrist"])
 
 # Where the wrists are at rest: the post stands 15 cm before the left one, and that is
 # told to go to the other side of it.
-alone = ControlModel.FromDescription(load_robot_description(name), tasks)
+description = load_robot_description(name)
+alone = ControlModel.FromDescription(description, tasks)
 rest = alone.layout.unpack(alone.tasks_at(alone.rest_positions())).p
 beyond = rest + [[0.30, 0.0, 0.0], [0.0, 0.0, 0.0]]
 x, y, z = rest[0] + [0.15, 0.0, 0.0]
@@ -58,13 +58,13 @@ plant.RegisterCollisionGeometry(post, upright, shape, "post", ProximityPropertie
 plant.WeldFrames(plant.world_frame(), post.body_frame(), RigidTransform([x, y, z]))
 plant.Finalize()
 
-# All links that the robot watches keep clear of it. (One that did not would run into it
-# and be pushed back, of which the controller knows nothing.)
-links = sorted({link for pair in robot.pairs for link in pair})
-robot = replace(robot, pairs=[*robot.pairs, *([link, "post"] for link in links)])
-
+# Every link that may touch the post keeps off it.
 parameters = LookaheadParameters(period=0.005)
-controller = AddCrarController(builder, plant, scene_graph, robot, tasks, parameters)
+controller = AddCrarController(
+    *(builder, plant, scene_graph, tasks, parameters),
+    model_instance=robot,
+    prescribed=list(description.prescribed_joints),
+)
 path = PiecewisePolynomial.CubicShapePreserving(
     [0.0, 0.5, 2.0],
     np.column_stack([rest.ravel(), rest.ravel(), beyond.ravel()]),
@@ -93,6 +93,7 @@ page.write_text(meshcat.StaticHtml())
 
 context = controller.GetMyContextFromRoot(simulator.get_context())
 distances = controller.diagnostics(context)["signed_distances"]
-print(f"{len(links)} links watch the post")
-print(f"smallest distance from it {1e3 * distances[-len(links) :].min():.1f} mm")
+of_post = ["post" in pair for pair in controller.model.pairs.names]
+print(f"{sum(of_post)} links watch the post")
+print(f"smallest distance from it {1e3 * distances[of_post].min():.1f} mm")
 print(page)

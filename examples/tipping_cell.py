@@ -29,13 +29,13 @@ for balance in (None, load_scenario("tipping_cell").controller.balance):
 
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
-    robot = AddRobot(plant, replace(result.setup.model.description, root="prescribed"))
+    robot = replace(result.setup.model.description, root="prescribed")
+    upper_body = AddRobot(plant, robot)
     add_contact_ground(plant, scene_graph, robot, friction=0.8, height=0.0)
     for index in plant.GetJointActuatorIndices():
         gains = PdControllerGains(p=1e4, d=100.0)
         plant.get_joint_actuator(index).set_controller_gains(gains)
     plant.Finalize()
-    upper_body = plant.GetModelInstanceByName("upper_body")
     of_motors = welded.MakeActuationMatrix().T  # (nu, nv)
     wanted = [log.time, of_motors @ log.q.T, of_motors @ log.v.T]
     states = TrajectorySource(PiecewisePolynomial.CubicHermite(*wanted), 1)

@@ -10,8 +10,8 @@ from crar_drake.law.controller import CrarController
 def part_port(
     builder: DiagramBuilder, controller: CrarController, name: str
 ) -> OutputPort:
-    """The port of that name, or one that has this part of `diagnostics` alone."""
-    if controller.HasOutputPort(name):
+    """A port that has this part of `diagnostics` alone, or the whole of it."""
+    if name not in controller.diagnostics_slices:
         return controller.GetOutputPort(name)
     everything = controller.get_output_port_diagnostics()
     place = controller.diagnostics_slices[name]

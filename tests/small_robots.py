@@ -12,10 +12,12 @@ from pydrake.multibody.plant import (
 )
 from pydrake.systems.framework import DiagramBuilder
 
-from crar_drake.law.parameters import PaperParameters
+from crar_drake.law.controller import CrarController
+from crar_drake.law.parameters import PaperParameters, Parameters
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
+from crar_drake.simulation.builders import AddCrarController
 
 LINK = 0.3  # length of every link [m]
 CAPSULE = '<capsule radius="0.04" length="0.2"/>'
@@ -136,6 +138,31 @@ def add_plant(
             CollisionFilterDeclaration().ExcludeWithin(everything)
         )
     return plant, scene_graph
+
+
+def add_controller(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    description: RobotDescription,
+    tasks: Sequence[Task],
+    parameters: Parameters | None = None,
+    **others,
+) -> CrarController:
+    """The controller of a robot whose description is at hand: its pairs and prescribed
+    joints, and its rest posture in the plant."""
+    for name, position in description.rest_posture.items():
+        plant.GetJointByName(name).set_default_positions([position])
+    return AddCrarController(
+        builder,
+        plant,
+        scene_graph,
+        tasks,
+        parameters,
+        watch=description.pairs,
+        prescribed=list(description.prescribed_joints),
+        **others,
+    )
 
 
 def make_model(

@@ -95,3 +95,24 @@ def test_every_example_has_a_test() -> None:
     # tests/commands/test_serve.py
     elsewhere = {"teleoperate.py", "lagging_robot.py"}
     assert {path.name for path in EXAMPLES.glob("*.py")} == {*tested, *elsewhere}
+
+
+@pytest.mark.slow
+def test_a_station(run_example, tmp_path: Path) -> None:
+    page = tmp_path / "station.html"
+    *targets, nearest = run_example("station.py", "3", str(page)).splitlines()
+    assert len(targets) == 3 and page.stat().st_size > 1e5
+    assert all(line.endswith("guaranteed") for line in targets)
+    assert millimetres(nearest) >= 4.0
+
+
+@pytest.mark.slow
+def test_two_arms(run_example) -> None:
+    *_, nearest, promise = run_example("two_arms.py", "2").splitlines()
+    assert 4.0 <= millimetres(nearest) < 50.0 and promise == "guaranteed"
+
+
+@pytest.mark.slow
+def test_a_recording_in_a_diagram_of_ones_own(run_example) -> None:
+    nearest, kept = run_example("follow_a_recording.py", "dance", "2").splitlines()
+    assert millimetres(nearest) >= 4.0 and "in 100 % of" in kept

@@ -17,18 +17,27 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from crar_drake.errors import InputError
+from crar_drake.errors import InputError, few, tell
 from crar_drake.law.control_law import ControlLaw
-from crar_drake.law.diagnostics import ALL
+from crar_drake.law.diagnostics import ALL, GUARANTEED, PROMISES
 from crar_drake.law.obstacle_port import ObstaclePort
 from crar_drake.law.parameters import LookaheadParameters, Parameters
-from crar_drake.law.records import Memory, Solution, check_finite
+from crar_drake.law.records import (
+    STATUS_IMPLAUSIBLE,
+    Memory,
+    Solution,
+    check_finite,
+)
 from crar_drake.law.references import Targets
 from crar_drake.law.vectors import is_finite
+from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
+
+# Of a motor's limit: by so little more it is not beyond [1].
+_ROUNDING = 1e-9
 
 # All that is reported of a solution, at once.
 _reported = attrgetter(*(diagnostic.key for diagnostic in ALL))
@@ -106,6 +115,9 @@ class CrarController(LeafSystem):
         balance: (3,) the same of a robot on its soles, see `law.ground`.
         T: (1,) braking time constant of the step [s]. These three are NaN unless
             constraints are "lookahead".
+        promise: (1,) 0 if watched pairs stay apart and joints within their limits, else
+            what is missing, by its number; `diagnostics` has the word, "guaranteed" or
+            another one of `law.diagnostics.PROMISES`.
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises
@@ -116,13 +128,18 @@ class CrarController(LeafSystem):
     between only the torque changes, and NaN among the targets is not seen.
 
     There is no delay. Where the plant is discrete, its own update happens at the same
-    instant as the controller's, so the outputs then answer from the new state already;
-    where it is continuous they change with the controller's update. All state is in
-    the Context: several simulators may run one diagram.
+    instant as the controller's, so `actuation` and `diagnostics` then answer from the
+    new state already; where it is continuous they change with the controller's update.
+    `desired_acceleration` and `position_command` hold what the last update left, before
+    the first one rest in the rest posture: no input is fed through to them, so that
+    targets may be made of them. All state is in the Context: several simulators may run
+    one diagram, and a clone of a context goes on as the original does.
 
     Attributes:
         law: the `ControlLaw` that the system wraps.
         model: the `ControlModel` that it computes with.
+        border: what it sees of the plant that `AddCrarController` added it to, and what
+            that warned of (`said`); else None.
         diagnostics_slices: name of a part to its place in the port "diagnostics".
 
     Limits: joints with as many velocities as positions, all actuated, on a base that is
@@ -138,6 +155,7 @@ class CrarController(LeafSystem):
         *,
         plant_is_discrete: bool = True,
         obstacle_speeds: Sequence[float] = (),
+        strict: bool = False,
     ) -> None:
         """
         Args:
@@ -146,6 +164,8 @@ class CrarController(LeafSystem):
             plant_is_discrete: whether the plant that takes the torque is discrete;
                 see the class documentation for what it changes.
             obstacle_speeds: (N,) bounds of the speeds of obstacles [m/s].
+            strict: whether a start inside a pair or beyond a limit, of which the first
+                step warns (CrarWarning), is an error.
 
         Raises:
             ModelError: as of `ControlLaw`.
@@ -157,7 +177,7 @@ class CrarController(LeafSystem):
         safe = isinstance(gains, LookaheadParameters)
         if obstacle_speeds and safe:
             gains = gains.among_obstacles()
-        self.law = ControlLaw(model, gains)
+        self.law, self._strict, self.border = ControlLaw(model, gains), strict, None
         self._plant_is_discrete = plant_is_discrete
         plant_step = model.plant.time_step() if plant_is_discrete else 0.0
         self._torque_ticks = self.law.parameters.torque_ticks(plant_step)
@@ -181,7 +201,14 @@ class CrarController(LeafSystem):
         if self._obstacles and safe:
             self.law.among  # noqa: B018 (what does not go with them is refused now)
 
-        nothing_yet = Memory()
+        nothing_yet, still = Memory(), np.zeros(nv)
+        self._start = Solution(
+            acceleration=still,
+            task_error=_NOTHING,
+            constraint_weights=_NOTHING,
+            constrained_velocity=_NOTHING,
+            position_command=np.concatenate((model.rest_positions(), still)),
+        )
         held = self.DeclareAbstractState(AbstractValue.Make(nothing_yet))
         self._held_index = int(held)
         sources = {
@@ -211,11 +238,17 @@ class CrarController(LeafSystem):
         for part in ALL:
             name, size = part.name, part.size(model)
             if part.connected:
+                held_alone = name != "actuation"
                 self._outputs[name] = self.DeclareVectorOutputPort(
-                    name, size, self._MakeOutputCalc(part.key), sources
+                    name,
+                    size,
+                    self._MakeOutputCalc(part.key, held_alone),
+                    {self.abstract_state_ticket(held)} if held_alone else sources,
                 )
             self.diagnostics_slices[name] = slice(end, end + size)
             end += size
+        self.diagnostics_slices["promise"] = slice(end, end + 1)
+        end += 1
         self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
             "diagnostics", end, self._CalcDiagnostics, sources
         )
@@ -244,12 +277,27 @@ class CrarController(LeafSystem):
         """Port (layout.size,): [x_d; v_d; a_d]."""
         return self._tasks_port
 
-    def get_input_port_desired_prescribed(self) -> InputPort | None:
-        """Port (3 n_p,): [q_p; q_dot_p; q_ddot_p]; None without such joints."""
+    def get_input_port_desired_prescribed(self) -> InputPort:
+        """Port (3 n_p,): [q_p; q_dot_p; q_ddot_p].
+
+        Raises:
+            InputError: no joint is prescribed.
+        """
+        if self._prescribed_port is None:
+            raise InputError(f"{self.get_name()}: no joint is prescribed")
         return self._prescribed_port
 
-    def get_input_port_nominal_posture(self) -> InputPort | None:
-        """Port (n,), may be left open; None if `posture_gain` is 0."""
+    def get_input_port_nominal_posture(self) -> InputPort:
+        """Port (n,), may be left open.
+
+        Raises:
+            InputError: the law has none: the paper's, or one whose `posture_gain` is 0.
+        """
+        if self._posture_port is None:
+            raise InputError(
+                f"{self.get_name()}: the law draws to no posture: give "
+                "LookaheadParameters(posture_gain=...)"
+            )
         return self._posture_port
 
     def get_input_port_obstacles(self) -> InputPort:
@@ -276,14 +324,15 @@ class CrarController(LeafSystem):
         """Port: all parts, placed as `diagnostics_slices` says."""
         return self._outputs["diagnostics"]
 
-    def diagnostics(self, context: Context) -> dict[str, np.ndarray]:
+    def diagnostics(self, context: Context) -> dict[str, np.ndarray | str]:
         """The parts of the port `diagnostics` by name, see the class documentation.
 
         Args:
             context: the controller's own, `GetMyContextFromRoot` of a diagram's.
         """
         values = self._outputs["diagnostics"].Eval(context)
-        return {name: values[at] for name, at in self.diagnostics_slices.items()}
+        parts = {name: values[at] for name, at in self.diagnostics_slices.items()}
+        return parts | {"promise": PROMISES[int(parts["promise"][0])]}
 
     def obstacle(self, context: Context) -> tuple[str, str] | None:
         """The number of the obstacle that holds the robot back, and the link; None if
@@ -305,11 +354,28 @@ class CrarController(LeafSystem):
         raise AttributeError(f"CrarController has no attribute {name!r}")
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.concatenate(_reported(self._EvalSolution(context))))
+        solution = self._EvalSolution(context)
+        parts = *_reported(solution), [self._Promise(solution)]
+        output.SetFromVector(np.concatenate(parts))
 
-    def _MakeOutputCalc(self, key: str):
+    def _Promise(self, solution: Solution) -> float:
+        """What is missing of the promise; the first of PROMISES that is."""
+        missing = (
+            self.law.parameters.constraints != "lookahead",
+            self.border is not None and bool(self.border.said),
+            solution.status[0] == STATUS_IMPLAUSIBLE,
+            solution.admission[3] != 1.0,
+            solution.torque_limit[1] > _ROUNDING,
+        )
+        return float(missing.index(True) + 1 if any(missing) else GUARANTEED)
+
+    def _MakeOutputCalc(self, key: str, held_alone: bool):
         def calc(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(getattr(self._EvalSolution(context), key))
+            if not held_alone:
+                solution = self._EvalSolution(context)
+            else:
+                solution = self._GetHeld(context).solution or self._start
+            output.SetFromVector(getattr(solution, key))
 
         return calc
 
@@ -342,6 +408,8 @@ class CrarController(LeafSystem):
             solve.memory = self.law.hold(workspace, held, torque_tick, q, v)
             return
         memory = held if tick > held.tick else Memory()
+        if memory.solution is None:
+            self._tell_of_the_start(q)
         targets = Targets(
             self._EvalPort(self._tasks_port, context),
             self._EvalPort(self._prescribed_port, context),
@@ -356,6 +424,27 @@ class CrarController(LeafSystem):
             # tell what the plant does in a period.
             solve.memory = replace(
                 solve.memory, torque_tick=torque_tick, continues=False
+            )
+
+    def _tell_of_the_start(self, q: np.ndarray) -> None:
+        """Warns of joints beyond their limits, and of pairs that are inside one another
+        and are not so at rest."""
+        model = self.model
+        rest, wrong = model.rest_positions(), []
+        here, there = (model.signed_distances(x) for x in (q, rest))
+        for i in np.flatnonzero((here <= 0.0) & (there > 0.0)):
+            a, b = model.pairs.names[i]
+            wrong.append(f"{a} - {b} inside one another by {-1e3 * here[i]:.1f} mm")
+        at = q[model.controlled_positions]
+        beyond = np.maximum(model.lower - at, at - model.upper) > LIMIT_TOLERANCE
+        wrong += [
+            f"{model.joint_names[i]} beyond its limit" for i in beyond.nonzero()[0]
+        ]
+        if wrong:
+            tell(
+                f"robot {model.description.name} starts with {few(wrong, 4)}: nothing "
+                "is promised of that until it has left",
+                self._strict,
             )
 
     def _EvalPort(self, port: InputPort | None, context: Context) -> np.ndarray:

@@ -89,3 +89,15 @@ ALL = (
     ),
     Diagnostic("T", lambda model: 1, "braking time constant of the step [s]"),
 )
+
+# What is missing of the promise that watched pairs stay apart and joints within their
+# limits, in a control step; the words of the part "promise", by its number.
+GUARANTEED = 0
+PROMISES = (
+    "guaranteed",
+    "law",  # the paper's constraints promise nothing
+    "set-up",  # something was warned of when the controller was made
+    "state",  # no robot has the measured state
+    "path",  # the path on which the robot would brake is not clear
+    "torque",  # a motor is too weak for what was commanded
+)

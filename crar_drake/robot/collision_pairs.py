@@ -20,7 +20,7 @@ from pydrake.multibody.tree import RigidBody
 from crar_drake.errors import ModelError
 from crar_drake.law.capsule_distances import ShapePairs, WatchedRows
 from crar_drake.law.compilation import hold
-from crar_drake.robot.description import GROUND
+from crar_drake.robot.description import GROUND, link_names
 from crar_drake.robot.hulls import (
     Hull,
     hull_of,
@@ -122,8 +122,9 @@ class WatchedPairs:
                 )
         places = {index: place for place, index in enumerate(bodies)}
         of = [tuple(places[int(body.index())] for body in pair) for pair in pairs]
+        links = link_names(plant)
         self.names = tuple(
-            tuple(GROUND if flat[i] else self.bodies[i].name() for i in pair)
+            tuple(GROUND if flat[i] else links[self.bodies[i].index()] for i in pair)
             for pair in of
         )
         of = [(b, a) if flat[a] else (a, b) for a, b in of]

@@ -3,11 +3,14 @@
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
 import os
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
 
 import numpy as np
+import yaml
 from pydrake.geometry import HalfSpace
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
@@ -17,6 +20,7 @@ from pydrake.multibody.tree import (
     Frame,
     FrameIndex,
     Joint,
+    ModelInstanceIndex,
     QuaternionFloatingJoint,
     RigidBody,
     ScopedName,
@@ -358,12 +362,30 @@ def imported_names() -> list[str]:
     return sorted(path.parent.name for path in found)
 
 
-def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
+def add_robot(
+    plant: MultibodyPlant,
+    description: RobotDescription,
+    *,
+    prefix: str = "",
+    X_WB: RigidTransform | None = None,
+    alone: bool = True,
+) -> tuple[RobotDescription, list[ModelInstanceIndex]]:
     """Parses the robot's model into a plant that is registered with a SceneGraph,
     and welds its base to the world, unless it floats. The plant is not finalized.
 
     A ground that the description has is added to the world's shapes, and a link for
     each thing of its environment.
+
+    Args:
+        prefix: of the names of its model instances.
+        X_WB: pose of the base in the world; by default that of the description.
+        alone: whether the plant has nothing else. If not, model instances are named
+            after the description, and links of its model that it does not watch against
+            each other are left out of contact.
+
+    Returns:
+        The description with its names as they are in the plant, scoped if it is not
+        alone; and the model instances that were added.
 
     Raises:
         ModelError: the model file cannot be parsed, or there is no such base, or it
@@ -377,15 +399,18 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
             "ControlModel.FromPlant(plant, scene_graph, description, tasks)"
         )
     folder = Path(description.folder)
-    parser = Parser(plant)
-    package = (folder / "package.xml").absolute()  # Drake wants to see a folder
-    if package.is_file():
-        parser.package_map().AddPackageXml(str(package))
     model = folder / description.model
     try:
-        parser.AddModels(str(model))
+        if alone:
+            instances = _parser(plant, folder).AddModels(str(model))
+        else:
+            directives = _directives(description, prefix)
+            parser = _parser(plant, folder)
+            instances = parser.AddModelsFromString(directives, "dmd.yaml")
+            description = _scoped(plant, description, prefix, instances)
     except RuntimeError as error:
-        raise ModelError(f"{model}: {error}") from error
+        hint = "; give another prefix" if "already" in str(error) else ""
+        raise ModelError(f"{model}: {error}{hint}") from error
     if description.ground is not None:
         if plant.HasBodyNamed(GROUND):
             raise ModelError(
@@ -397,16 +422,120 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
         add_environment(plant, description.environment, folder)
     except ModelError as error:
         raise ModelError(f"robot {description.name}: {error}") from error
+    if X_WB is not None and not description.base:
+        raise ModelError(
+            f"robot {description.name}: its model welds itself to the world; leave "
+            "X_WB out, or change the model"
+        )
+    X_WB = description.rest_pose() if X_WB is None else X_WB
     if description.base:
         if description.root != "fixed":
             body = find_body(plant, description.base)
-            plant.SetDefaultFloatingBaseBodyPose(body, description.rest_pose())
-            return
+            plant.SetDefaultFloatingBaseBodyPose(body, X_WB)
+            return description, instances
         base = find_frame(plant, description.base)
         try:
-            plant.WeldFrames(plant.world_frame(), base, description.rest_pose())
+            plant.WeldFrames(plant.world_frame(), base, X_WB)
         except RuntimeError as error:  # e.g. the model has welded it already
             raise ModelError(f"{model}: base: {description.base!r}: {error}") from error
+    return description, instances
+
+
+def _parser(plant: MultibodyPlant, folder: Path) -> Parser:
+    parser = Parser(plant)
+    package = (folder / "package.xml").absolute()  # Drake wants to see a folder
+    if package.is_file():
+        parser.package_map().AddPackageXml(str(package))
+    return parser
+
+
+def _is_directives(description: RobotDescription) -> bool:
+    return description.model.endswith((".dmd.yaml", ".dmd.yml"))
+
+
+def _directives(description: RobotDescription, prefix: str) -> str:
+    """Model directives that add the robot's model, under a prefix, and filters for the
+    pairs of its links that it does not watch."""
+    folder = Path(description.folder)
+    alone = MultibodyPlant(0.0)
+    instances = _parser(alone, folder).AddModels(str(folder / description.model))
+    uri = f"file://{(folder / description.model).absolute()}"
+    if _is_directives(description):
+        added = {"file": uri} | ({"model_namespace": prefix} if prefix else {})
+        steps = [{"add_directives": added}]
+        if prefix:
+            steps.insert(0, {"add_model_instance": {"name": prefix}})
+    else:
+        name = _joined(prefix, description.name)
+        steps = [{"add_model": {"name": name, "file": uri}}]
+    # A link is a group of its own, which leaves out those before it.
+    outside = {GROUND, *description.environment}
+    watched = {
+        frozenset(find_body(alone, name).index() for name in pair)
+        for pair in description.pairs
+        if not outside & set(pair)
+    }
+    links = [index for of in instances for index in alone.GetBodyIndices(of)]
+    for i, index in enumerate(links):
+        body = alone.get_body(index)
+        of = alone.GetModelInstanceName(body.model_instance())
+        of = of if _is_directives(description) else description.name
+        left_out = [
+            f"link_{k}"
+            for k, other in enumerate(links[:i])
+            if frozenset((index, other)) not in watched
+        ]
+        group = {
+            "name": f"link_{i}",
+            "members": [f"{_joined(prefix, of)}::{body.name()}"],
+            "ignored_collision_filter_groups": left_out,
+        }
+        steps.append({"add_collision_filter_group": group})
+    return yaml.safe_dump({"directives": steps})
+
+
+def _joined(prefix: str, name: str) -> str:
+    return f"{prefix}::{name}" if prefix else name
+
+
+def _scoped(
+    plant: MultibodyPlant,
+    description: RobotDescription,
+    prefix: str,
+    instances: list[ModelInstanceIndex],
+) -> RobotDescription:
+    """The description with the names that its links, frames and joints have now."""
+    has = plant.HasBodyNamed, plant.HasFrameNamed, plant.HasJointNamed
+
+    def scoped(name: str) -> str:
+        if name in description.environment:
+            return f"{prefix}_{name}" if prefix else name
+        if "::" in name:
+            return _joined(prefix, name)
+        for instance in instances:
+            if any(named(name, instance) for named in has):
+                return f"{plant.GetModelInstanceName(instance)}::{name}"
+        return name
+
+    return replace(
+        description,
+        base=scoped(description.base),
+        pairs=[[scoped(name) for name in pair] for pair in description.pairs],
+        environment={scoped(name): it for name, it in description.environment.items()},
+        **{
+            field: {scoped(name): value for name, value in of.items()}
+            for field in (
+                "prescribed_joints",
+                "rest_posture",
+                "velocity_limits",
+                "soles",
+            )
+            for of in [getattr(description, field)]
+        },
+        task_frames={
+            point: scoped(frame) for point, frame in description.task_frames.items()
+        },
+    )
 
 
 def _add_ground(plant: MultibodyPlant, height: float) -> None:
@@ -492,7 +621,7 @@ def find_body(plant: MultibodyPlant, name: str) -> RigidBody:
     """
     if name == GROUND and not plant.HasBodyNamed(GROUND):
         return plant.world_body()
-    return _find(plant, name, "link", "GetBodyByName", _body_names)
+    return _find(plant, name, "link", "GetBodyByName", link_names)
 
 
 def find_joint(plant: MultibodyPlant, name: str) -> Joint:
@@ -509,8 +638,9 @@ def _find(plant, name, what, getter, names):
         return getattr(plant, getter)(name)
     except RuntimeError as error:
         if "multiple" in str(error):
+            owners = [each for each in names(plant) if each.endswith(f"::{name}")]
             raise ModelError(
-                f"{what} {name!r} is in several models; write model::{name}"
+                f"{what} {name!r} is in several models; write {' or '.join(owners)}"
             ) from error
         raise ModelError(
             f"the plant has no {what} {name!r}{nearest(name, names(plant))}"
@@ -518,13 +648,28 @@ def _find(plant, name, what, getter, names):
 
 
 def frame_names(plant: MultibodyPlant) -> list[str]:
-    """Of all models in the plant."""
-    return [plant.get_frame(FrameIndex(i)).name() for i in range(plant.num_frames())]
+    """Of all models in the plant, as in `link_names`."""
+    frames = [plant.get_frame(FrameIndex(i)) for i in range(plant.num_frames())]
+    return _unambiguous(plant, frames)
 
 
-def _body_names(plant: MultibodyPlant) -> list[str]:
-    return [plant.get_body(BodyIndex(i)).name() for i in range(plant.num_bodies())]
+def link_names(plant: MultibodyPlant) -> list[str]:
+    """Of all models in the plant; scoped where several have one name."""
+    bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
+    return _unambiguous(plant, bodies)
 
 
 def _joint_names(plant: MultibodyPlant) -> list[str]:
-    return [plant.get_joint(i).name() for i in plant.GetJointIndices()]
+    return _unambiguous(plant, [plant.get_joint(i) for i in plant.GetJointIndices()])
+
+
+def _unambiguous(
+    plant: MultibodyPlant, named: Sequence[RigidBody | Frame | Joint]
+) -> list[str]:
+    plain = Counter(each.name() for each in named)
+    return [
+        each.name()
+        if plain[each.name()] == 1
+        else f"{plant.GetModelInstanceName(each.model_instance())}::{each.name()}"
+        for each in named
+    ]

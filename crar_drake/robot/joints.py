@@ -1,14 +1,18 @@
 """The joints of a plant: names, units, speed limits, and those of a description; which
 of its positions and velocities are controlled, and which prescribed."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint, PrismaticJoint
+from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint
 
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import RobotDescription, find_joint
+
+# No rest posture is farther beyond a limit: it is in degrees [rad].
+_HALF_A_TURN = math.pi
 
 
 def names_by_joint(plant: MultibodyPlant, *, of_positions: bool = False) -> list[str]:
@@ -43,19 +47,31 @@ def check_described_joints(
                 "leave it out"
             )
     for name, value in description.rest_posture.items():
-        positions = find_joint(plant, name).num_positions()
+        joint = find_joint(plant, name)
+        positions = joint.num_positions()
         if positions != 1 or not np.isfinite(value):
             raise ModelError(
                 f"robot {description.name}: rest_posture: {name}: {value} for a "
                 f"joint with {positions} positions; give finite values, to joints "
                 "with one"
             )
+        lower, upper = (
+            joint.position_lower_limits()[0],
+            joint.position_upper_limits()[0],
+        )
+        beyond = max(lower - value, value - upper)
+        if isinstance(joint, RevoluteJoint) and beyond > _HALF_A_TURN:
+            raise ModelError(
+                f"robot {description.name}: rest_posture: {name}: {value:g} rad is far "
+                f"beyond its limits, {lower:g} to {upper:g} rad; give radians (of "
+                f"{value:g} degrees: {math.radians(value):.3f})"
+            )
 
 
 def joint_units(plant: MultibodyPlant, names: Sequence[str]) -> list[str]:
     """(n,) "m" for each joint that slides, "rad" for each that turns; all have one
     position."""
-    kinds = [plant.GetJointByName(name).type_name() for name in names]
+    kinds = [find_joint(plant, name).type_name() for name in names]
     return ["m" if kind == PrismaticJoint.kTypeName else "rad" for kind in kinds]
 
 

@@ -179,7 +179,7 @@ class JointTree:
         )
 
 
-def _screw_axis(joint: ScrewJoint, plant: MultibodyPlant) -> np.ndarray:
+def screw_axis(joint: ScrewJoint, plant: MultibodyPlant) -> np.ndarray:
     """The axis that it was made with, which Drake's Python has no name for."""
     context = plant.CreateDefaultContext()
     q = plant.GetPositions(context)
@@ -200,7 +200,7 @@ def _motions(
     if isinstance(joint, PrismaticJoint):
         return [(_NONE, joint.translation_axis())]
     if isinstance(joint, ScrewJoint):
-        axis = _screw_axis(joint, plant)
+        axis = screw_axis(joint, plant)
         return [(axis, axis * joint.screw_pitch() / (2.0 * math.pi))]
     if isinstance(joint, UniversalJoint):
         return [(_X, _NONE), (_Y, _NONE)]

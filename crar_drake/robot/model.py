@@ -22,6 +22,7 @@ from crar_drake.law.kinematics import evaluate_state, find_state
 from crar_drake.law.tasks import task_weights
 from crar_drake.robot.actuators import Actuators
 from crar_drake.robot.collision_pairs import WatchedPairs
+from crar_drake.robot.control_plant import Part, control_plant, refuse_constraints
 from crar_drake.robot.description import (
     RobotDescription,
     add_robot,
@@ -38,7 +39,7 @@ from crar_drake.robot.joints import (
 )
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot.points import numbers_of_robot
-from crar_drake.robot.task import Task
+from crar_drake.robot.task import Task, check_tasks
 from crar_drake.robot.task_targets import find_targets
 from crar_drake.robot.workspace import ModelState, Workspace
 
@@ -109,7 +110,7 @@ class ControlModel:
         """
         if not plant.is_finalized():
             raise ModelError("the plant is not finalized: call plant.Finalize() first")
-        _refuse_constraints(plant)
+        refuse_constraints(plant)
         self.diagram, self.plant, self.scene_graph = diagram, plant, scene_graph
         self.description = description
         description.validate()
@@ -163,32 +164,24 @@ class ControlModel:
         scene_graph: SceneGraph,
         description: RobotDescription,
         tasks: Sequence[Task],
+        part: Part | None = None,
     ) -> ControlModel:
-        """Clones a user's plant and SceneGraph as they are now.
+        """Copies a user's plant and SceneGraph as they are now.
+
+        Args:
+            part: of the plant; by default all of it.
 
         Raises:
-            ModelError: as the constructor.
+            ModelError: as the constructor, and as `control_plant`.
         """
         if not plant.is_finalized():
             raise ModelError("the plant is not finalized: call plant.Finalize() first")
-        builder = DiagramBuilder()
-        plant_clone = builder.AddNamedSystem("plant", plant.Clone())
-        scene_graph_clone = builder.AddNamedSystem("scene_graph", scene_graph.Clone())
-        builder.Connect(
-            plant_clone.get_geometry_pose_output_port(),
-            scene_graph_clone.get_source_pose_port(plant.get_source_id()),
-        )
-        builder.Connect(
-            scene_graph_clone.get_query_output_port(),
-            plant_clone.get_geometry_query_input_port(),
-        )
-        return ControlModel(
-            builder.Build(),
-            plant_clone,
-            scene_graph_clone,
-            description,
-            tasks,
-        )
+        if part is None:
+            part = Part(
+                plant, map(ModelInstanceIndex, range(plant.num_model_instances()))
+            )
+        copy = control_plant(plant, scene_graph, part)
+        return ControlModel(*copy, description, tasks)
 
     def MakeWorkspace(self) -> Workspace:
         """Allocates contexts to compute in; one per thread or system context."""
@@ -382,7 +375,7 @@ class ControlModel:
         self._is_damped = bool(self._implicit_damping.any())
 
     def _set_tasks(self, tasks: Sequence[Task]) -> None:
-        self.tasks = tuple(tasks)
+        self.tasks = check_tasks(tasks)
         self.task_targets, self.layout = find_targets(
             self.plant,
             self.description,
@@ -408,21 +401,3 @@ class ControlModel:
                 "a watched pair has shapes whose distance SceneGraph cannot compute; "
                 f"use spheres, capsules or convex shapes: {error}"
             ) from error
-
-
-def _refuse_constraints(plant: MultibodyPlant) -> None:
-    """Raises ModelError: with couplers and the like joints do otherwise than
-    commanded."""
-    if not plant.num_constraints():
-        return
-    names = [
-        plant.GetModelInstanceName(ModelInstanceIndex(i))
-        for i in range(plant.num_model_instances())
-        if plant.GetJointIndices(ModelInstanceIndex(i))
-    ]
-    raise ModelError(
-        f"the plant of {', '.join(names)} has {plant.num_constraints()} constraints "
-        "that the control law does not know (<mimic>, AddCouplerConstraint, "
-        "AddBallConstraint and the like): its joints would not do what is "
-        "commanded; remove them, and lock or control the joints"
-    )

@@ -1,6 +1,7 @@
 """What is tracked: a position, orientation or pose of a frame, or a joint."""
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -89,6 +90,30 @@ def _check_list(names: list[str]) -> None:
     # Each letter would be a name.
     if isinstance(names, str):
         raise ModelError(f"tasks: {names!r} is one name; give a list, [{names!r}]")
+    for name in names:
+        if not isinstance(name, str):
+            raise ModelError(f"tasks: {name!r} is no name of a frame or joint")
+
+
+def check_tasks(tasks: Sequence[Task]) -> tuple[Task, ...]:
+    """The tasks, each of which is one.
+
+    Raises:
+        ModelError: there is something else, or a task whose fields are out of range.
+    """
+    if isinstance(tasks, str) or not isinstance(tasks, Iterable):
+        raise ModelError(
+            f"tasks: {tasks!r} is no list of tasks; write position_tasks([...])"
+        )
+    tasks = tuple(tasks)
+    for task in tasks:
+        if not isinstance(task, Task):
+            raise ModelError(
+                f"tasks: {task!r} is no Task; write position_tasks([{task!r}]), or "
+                "Task(frame=..., kind=...)"
+            )
+        task.validate()
+    return tasks
 
 
 def experiment_tasks(experiment: str) -> list[Task]:

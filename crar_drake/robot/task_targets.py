@@ -8,7 +8,13 @@ from pydrake.multibody.tree import Frame
 
 from crar_drake.errors import ModelError, nearest
 from crar_drake.law.tasks import TaskLayout
-from crar_drake.robot.description import RobotDescription, find_frame, frame_names
+from crar_drake.robot.description import (
+    RobotDescription,
+    find_frame,
+    find_joint,
+    frame_names,
+)
+from crar_drake.robot.joints import names_by_joint
 from crar_drake.robot.task import Task
 
 
@@ -33,9 +39,8 @@ def find_targets(
     """
     targets, joints = [], []
     for task in tasks:
-        task.validate()
         if task.kind == "joint":
-            joints.append(_find_task_joint(task, joint_names))
+            joints.append(_find_task_joint(plant, task, joint_names))
             targets.append((plant.world_frame(), np.zeros(3)))
             continue
         known = description.task_frames
@@ -62,10 +67,14 @@ def find_targets(
     return targets, TaskLayout(names, kinds, tuple(joints))
 
 
-def _find_task_joint(task: Task, joint_names: list[str]) -> int:
+def _find_task_joint(plant: MultibodyPlant, task: Task, joint_names: list[str]) -> int:
     """Which of the controlled joints a task of kind joint tracks."""
-    if task.joint in joint_names:
-        return joint_names.index(task.joint)
+    name = task.joint
+    if "::" in name:  # which the plain name is, where no other joint has it
+        joint = find_joint(plant, name)
+        name = names_by_joint(plant)[joint.velocity_start()]
+    if name in joint_names:
+        return joint_names.index(name)
     raise ModelError(
         f"task {task.name or task.joint}: joint: {task.joint!r} is no controlled "
         f"joint with one position{nearest(task.joint, joint_names)}"

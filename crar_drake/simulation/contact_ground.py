@@ -32,6 +32,7 @@ def add_contact_ground(
     description: RobotDescription,
     friction: float,
     height: float,
+    model_instance: ModelInstanceIndex | None = None,
 ) -> None:
     """Adds a half space, and balls at the corners of the soles that touch it.
 
@@ -39,11 +40,13 @@ def add_contact_ground(
     with soles touch it by the balls alone.
 
     Args:
-        plant: not finalized, with the robot alone, as `add_robot` left it.
+        plant: not finalized, with the robot as `AddRobot` left it.
         scene_graph: of the plant.
         description: of the robot, without a ground.
         friction: Coulomb's coefficient.
         height: of the floor in the world [m].
+        model_instance: the robot, if other things are in the plant: these touch the
+            floor and the robot.
     """
     balls = []
     for link, corners in description.soles.items():
@@ -75,9 +78,9 @@ def add_contact_ground(
         plant.get_body(index).name(): plant.GetCollisionGeometriesForBody(
             plant.get_body(index)
         )
-        for instance in range(plant.num_model_instances())
-        for index in plant.GetBodyIndices(ModelInstanceIndex(instance))
-        if index != plant.world_body().index()
+        for instance in map(ModelInstanceIndex, range(plant.num_model_instances()))
+        for index in plant.GetBodyIndices(instance)
+        if index != plant.world_body().index() and model_instance in (None, instance)
     }
     no_floor = [
         shape

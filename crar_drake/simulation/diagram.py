@@ -1,208 +1,41 @@
-"""Builders: the controller in anybody's diagram, and one whole diagram."""
+"""The whole diagram of a scenario."""
 
-import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.geometry import (
+    CollisionFilterDeclaration,
+    GeometrySet,
+    Meshcat,
+    SceneGraph,
+)
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from pydrake.visualization import ApplyVisualizationConfig
 
-from crar_drake.errors import ModelError, ScenarioError
-from crar_drake.law.commanded_motion import CommandedMotion
-from crar_drake.law.controller import CrarController
-from crar_drake.law.parameters import LookaheadParameters, Parameters
-from crar_drake.law.standing_controller import StandingController
+from crar_drake.errors import ScenarioError
 from crar_drake.law.standing_law import StandingLaw
 from crar_drake.robot.description import (
     RobotDescription,
     add_robot,
-    find_joint,
     load_robot_description,
 )
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.same_place import check_place
 from crar_drake.robot.standing import standing_description
-from crar_drake.robot.task import Task
+from crar_drake.simulation.builders import AddStandingController, connect_controller
 from crar_drake.simulation.contact_ground import add_contact_ground
 from crar_drake.simulation.disturbances import AddMeasurement, PushSource, TargetStep
 from crar_drake.simulation.moving_obstacles import ObstacleSource
-from crar_drake.simulation.scenario import (
-    Scenario,
-    SimulatedRobot,
-    check_multiple,
-)
+from crar_drake.simulation.scenario import Scenario, SimulatedRobot
 from crar_drake.simulation.visuals import draw_collision_shapes, set_surroundings
 from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.keyframes import KeyframeTrajectory
 from crar_drake.targets.motion import load_motion_targets
 from crar_drake.targets.sources import PoseTrajectorySource
 from crar_drake.targets.start_pose import solve_start_pose
-
-
-def AddRobot(
-    plant: MultibodyPlant, robot: str | os.PathLike[str] | RobotDescription
-) -> RobotDescription:
-    """Adds a robot to a plant that is not finalized yet, in its rest posture.
-
-    Its model file is parsed, its base welded to the world (or, if it floats, placed
-    there), and the rest posture made the default of its joints. The plant may hold
-    other things, too.
-
-    Args:
-        plant: of `AddMultibodyPlantSceneGraph`; call `Finalize` afterwards.
-        robot: the name of a shipped robot (`crar-drake list` tells them) or of one
-            that `crar-drake import-robot` made, the path of a robot.yaml or of its
-            folder, or a description made in Python.
-
-    Returns:
-        The robot's description, which `AddCrarController` asks for.
-
-    Raises:
-        ModelError: the plant is finalized or has no SceneGraph, there is no such
-            robot, it is not imported yet, or its model cannot be parsed.
-    """
-    if plant.is_finalized():
-        raise ModelError("the plant is finalized already; call AddRobot before it")
-    if not plant.geometry_source_is_registered():
-        raise ModelError(
-            "the plant has no SceneGraph; make it by AddMultibodyPlantSceneGraph"
-        )
-    description = (
-        robot if isinstance(robot, RobotDescription) else load_robot_description(robot)
-    )
-    add_robot(plant, description)
-    for name, position in description.rest_posture.items():
-        joint = find_joint(plant, name)
-        if joint.num_positions() == 1:  # others are refused by the control model
-            joint.set_default_positions([position])
-    return description
-
-
-def AddCrarController(
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    description: RobotDescription,
-    tasks: Sequence[Task],
-    parameters: Parameters | None = None,
-    *,
-    control_model: ControlModel | None = None,
-    model_instance: ModelInstanceIndex | None = None,
-    estimated_state: OutputPort | None = None,
-    obstacle_speeds: Sequence[float] = (),
-) -> CrarController:
-    """Adds a controller beside a plant and connects state and actuation.
-
-    What remains to be connected are `desired_tasks` and, if the description
-    prescribes joints, `desired_prescribed`; see `CrarController` for what they carry.
-
-    Args:
-        builder: of the diagram that owns the plant.
-        plant: finalized.
-        scene_graph: where the plant's geometry is registered.
-        description: the names in the plant: task frames, watched pairs,
-            prescribed joints. From `AddRobot`, `load_robot_description`, or made in
-            Python.
-        tasks: what is tracked.
-        parameters: `PaperParameters` or `LookaheadParameters`; by default these.
-        control_model: the model that the controller computes with; by default a
-            clone of `plant` and `scene_graph` as they are now. A model that is given
-            has description, tasks and distances of its own, which then count. Its
-            actuators may have other names, if they move joints of the same names.
-        model_instance: the robot in a plant that has other things that move: a
-            gripper, say, or a box. It needs `control_model`, which lacks them.
-        estimated_state: port of the measured [q; v]; by default that of the plant, or
-            of its `model_instance`.
-        obstacle_speeds: see `CrarController`.
-
-    Raises:
-        ModelError: the plant is not finalized, has another state or other
-            actuators than the control model or stands elsewhere, or a name is not in
-            it; or its actuation is connected already; or its base floats, or something
-            that moves carries it; or `model_instance` lacks `control_model`.
-        ScenarioError: a parameter is out of range, or the control period is not a
-            multiple of the plant's time step.
-    """
-    parameters = parameters or LookaheadParameters()
-    parameters.validate()
-    if not plant.is_finalized():
-        raise ModelError("the plant is not finalized: call plant.Finalize() first")
-    check_multiple("controller.period", parameters.period, plant.time_step())
-    part = () if model_instance is None else (model_instance,)
-    if part and control_model is None:
-        raise ModelError(
-            "model_instance: a part of a plant needs control_model, a model of that "
-            "robot alone: ControlModel.FromDescription(description, tasks)"
-        )
-    if control_model is None:
-        control_model = ControlModel.FromPlant(plant, scene_graph, description, tasks)
-    model_plant = control_model.plant
-    for what, theirs, ours in (
-        ("positions", plant.num_positions(*part), model_plant.num_positions()),
-        ("velocities", plant.num_velocities(*part), model_plant.num_velocities()),
-        ("actuators", plant.num_actuators(*part), model_plant.num_actuators()),
-        # The same numbers in another order would drive the wrong joints.
-        ("positions", _position_names(plant, *part), _position_names(model_plant)),
-        ("actuators", _actuated(plant, *part), _actuated(model_plant)),
-    ):
-        if theirs != ours:
-            raise ModelError(
-                f"the plant has {theirs} {what} but the control model {ours}; they "
-                "must be the same robot (model_instance names it in a plant with more)"
-            )
-    check_place(plant, control_model, *part)
-    if builder.IsConnectedOrExported(plant.get_actuation_input_port(*part)):
-        raise ModelError(
-            "the robot's actuation is connected already, to another controller perhaps"
-        )
-    damped = any(
-        plant.get_joint(index).default_damping_vector().any()
-        for index in plant.GetJointIndices()
-    )
-    if damped and plant.time_step() != model_plant.time_step():
-        raise ModelError(
-            f"the plant's time step is {plant.time_step():g} s but the control model's "
-            f"{model_plant.time_step():g} s; with joint damping they must be the same"
-        )
-    controller = CrarController(
-        control_model,
-        parameters,
-        plant_is_discrete=plant.time_step() > 0.0,
-        obstacle_speeds=obstacle_speeds,
-    )
-    # A diagram's systems have names of their own; so a second robot can have one.
-    name, number = controller.get_name(), 1
-    while builder.HasSubsystemNamed(controller.get_name()):
-        number += 1
-        controller.set_name(f"{name}_{number}")
-    builder.AddSystem(controller)
-    builder.Connect(
-        estimated_state or plant.get_state_output_port(*part),
-        controller.get_input_port_estimated_state(),
-    )
-    builder.Connect(
-        controller.get_output_port_actuation(), plant.get_actuation_input_port(*part)
-    )
-    return controller
-
-
-def _position_names(plant: MultibodyPlant, *part: ModelInstanceIndex) -> str:
-    names = plant.GetPositionNames(
-        *part, add_model_instance_prefix=False, always_add_suffix=False
-    )
-    return ", ".join(names)
-
-
-def _actuated(plant: MultibodyPlant, *part: ModelInstanceIndex) -> str:
-    """The joints that actuators move, in the actuators' order, by their own names."""
-    actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices(*part))
-    return ", ".join(actuator.joint().name() for actuator in actuators)
 
 
 @dataclass(frozen=True)
@@ -312,9 +145,9 @@ def MakeCrarDiagram(
     Subsystems, by name: "plant", "scene_graph", "crar_controller",
     "desired_tasks", (if there are prescribed joints) "desired_prescribed" and (if there
     are any) "obstacles"; one "log_state", "log_desired_tasks" and "log_diagnostics" (of
-    the controller), "log_obstacles"; without
-    contact "nothing_to_touch", an empty scene; with `meshcat` its visualiser. The
-    default context starts at rest in a valid pose near the first target.
+    the controller), "log_obstacles"; with `meshcat` its visualiser. The plant asks its
+    own scene for contact, from which filters leave out what the scenario does not want
+    to touch. The default context starts at rest in a valid pose near the first target.
 
     Exported outputs: "state", "query", "desired_tasks" and every output of the
     controller. There are no inputs.
@@ -346,7 +179,7 @@ def MakeCrarDiagram(
         add_contact_ground(plant, scene_graph, description, friction, law.floor)
     plant.Finalize()
     if law is None and not scenario.simulated_robot.contact:
-        _touch_nothing(builder, plant, scene_graph)
+        _leave_out_contact(plant, scene_graph)
     plant.SetDefaultPositions(setup.start_positions)
 
     parameters, time_step = scenario.controller, plant.time_step()
@@ -357,14 +190,11 @@ def MakeCrarDiagram(
     measured = AddMeasurement(builder, plant, disturbances, period, ticks)
     logged = {"state": plant.get_state_output_port()}
     if law is None:
-        controller = AddCrarController(
+        controller = connect_controller(
             builder,
             plant,
-            scene_graph,
-            model.description,
-            model.tasks,
+            model,
             parameters,
-            control_model=model,
             estimated_state=measured,
             obstacle_speeds=[obstacle.fastest for obstacle in scenario.obstacles],
         )
@@ -419,65 +249,6 @@ def MakeCrarDiagram(
     return diagram
 
 
-def AddStandingController(
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    law: StandingLaw,
-    model: ControlModel,
-    parameters: Parameters | None = None,
-    *,
-    estimated_state: OutputPort | None = None,
-) -> tuple[CrarController, StandingController]:
-    """Adds what keeps a plant's robot on its soles while its upper body follows tasks,
-    and connects it.
-
-    A `CrarController` moves a `CommandedMotion`, its own command, from the rest posture
-    on. A `StandingController` lets the robot on the floor follow that. What remains to
-    be connected are the first one's `desired_tasks` and `desired_prescribed`.
-
-    Args:
-        builder: of the diagram that owns the plant.
-        plant: finalized, with the robot alone on a floor (`add_contact_ground`).
-        law: of that robot.
-        model: of the robot that stands still (`standing_description`), continuous.
-        parameters: of the controller; by default `LookaheadParameters()`.
-        estimated_state: port of the measured [q; v]; by default that of the plant.
-
-    Raises:
-        ModelError: the plant's joints are not those of the law or the model.
-        ScenarioError: as of `AddCrarController`.
-    """
-    parameters = parameters or LookaheadParameters()
-    parameters.validate()
-    check_multiple("controller.period", parameters.period, plant.time_step())
-    ours, theirs = _position_names(law.plant), _position_names(plant)
-    if ours != theirs:
-        raise ModelError(
-            f"the plant has positions {theirs} but the standing law {ours}; they must "
-            "be the same robot"
-        )
-    controller = builder.AddSystem(
-        CrarController(model, parameters, plant_is_discrete=False)
-    )
-    motion = builder.AddSystem(
-        CommandedMotion(model.rest_positions(), parameters.period)
-    )
-    standing = builder.AddSystem(StandingController(law, model.velocity_names))
-    command = motion.get_output_port_state()
-    acceleration = controller.get_output_port_desired_acceleration()
-    state = estimated_state or plant.get_state_output_port()
-    for source, port in (
-        (command, controller.get_input_port_estimated_state()),
-        (acceleration, motion.get_input_port_acceleration()),
-        (state, standing.get_input_port_estimated_state()),
-        (command, standing.get_input_port_commanded_state()),
-        (acceleration, standing.get_input_port_commanded_acceleration()),
-        (standing.get_output_port_actuation(), plant.get_actuation_input_port()),
-    ):
-        builder.Connect(source, port)
-    return controller, standing
-
-
 def _lift_limits(plant: MultibodyPlant, simulated: SimulatedRobot) -> None:
     """Takes off what would hide a violation, unless the scenario keeps it."""
     if not simulated.position_limits:
@@ -489,15 +260,14 @@ def _lift_limits(plant: MultibodyPlant, simulated: SimulatedRobot) -> None:
         plant.RemoveAllJointActuatorEffortLimits()
 
 
-def _touch_nothing(
-    builder: DiagramBuilder, plant: MultibodyPlant, scene_graph: SceneGraph
-) -> None:
-    """Lets the plant ask an empty scene what touches: in each step its own would first
-    have to place every shape."""
-    port = plant.get_geometry_query_input_port()
-    builder.Disconnect(scene_graph.get_query_output_port(), port)
-    nothing = builder.AddNamedSystem("nothing_to_touch", SceneGraph())
-    builder.Connect(nothing.get_query_output_port(), port)
+def _leave_out_contact(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+    """Filters every pair of shapes: contact would hide that the law let them touch."""
+    frames = [
+        plant.GetBodyFrameIdOrThrow(BodyIndex(i)) for i in range(plant.num_bodies())
+    ]
+    scene_graph.collision_filter_manager().Apply(
+        CollisionFilterDeclaration().ExcludeWithin(GeometrySet(frames))
+    )
 
 
 def _draw(

@@ -19,7 +19,6 @@ from crar_drake.simulation.visuals import models_without_visuals
 
 _MOST = 2  # findings and joints that a line names
 _LOOKS = 201  # at the targets, in equal steps
-# What acts on tasks only where nothing is planned.
 
 
 def run_warnings(

@@ -210,7 +210,9 @@ class Wired:
     builder: Any  # pydrake's DiagramBuilder
     plant: Any
     scene_graph: Any
-    robot: Any  # its description
+    robot: Any  # its model instance
+    name: str = BUILT_IN  # of the robot
+    watched: list[Any] | None = None  # pairs of links; None for the description's
     controller: Any = None
 
     @property
@@ -221,16 +223,11 @@ class Wired:
     def ports(self) -> dict[str, tuple[Any, Any]]:
         """Name to the input port, and what to give it so that the robot stays."""
         model, q = self.controller.model, self.posture
-        return {
-            "desired_tasks": (
-                self.controller.get_input_port_desired_tasks(),
-                model.tasks_at(q),
-            ),
-            "desired_prescribed": (
-                self.controller.get_input_port_desired_prescribed(),
-                model.prescribed_at(q),
-            ),
-        }
+        given = {"desired_tasks": model.tasks_at(q)}
+        if model.n_p:
+            given["desired_prescribed"] = model.prescribed_at(q)
+        port = self.controller.GetInputPort
+        return {name: (port(name), value) for name, value in given.items()}
 
 
 # The port of the targets, among those above.
@@ -583,8 +580,6 @@ OF_DRAKE = ("geometry", "math", "multibody.tree", "systems.analysis", "visualiza
 def _wired(given: Given) -> Wired:
     if "AddRobot" in given.code:
         return empty_plant()
-    if "model_instance=arm" in given.code:
-        return robot_by_its_own_file()
     return put_in_plant(finalized="Finalize" not in given.code)
 
 
@@ -603,7 +598,6 @@ USERS_OWN = {
     "plant": lambda given: given.wired.plant,
     "scene_graph": lambda given: given.wired.scene_graph,
     "robot": lambda given: given.wired.robot,
-    "arm": lambda given: given.wired.robot,  # its instance, by its own file
     "tasks": lambda given: tasks_of([("position", POINT)]),
     "parameters": lambda given: crar_drake.LookaheadParameters(),
     "controller": lambda given: add_controller(given.wired).controller,
@@ -1080,6 +1074,9 @@ FILTER_OUTPUTS = {
     "accelerations": "acceleration_command",
     "told": "diagnostics",
 }
+# Of these, what holds the last update's answer, and the part of all that is told which
+# answers now.
+HELD = {"accelerations": "desired_acceleration", "command": "position_command"}
 # What a controller tells of its step.
 TOLD = {
     "errors": "task_error",
@@ -1116,7 +1113,7 @@ def put_in_plant(
 ) -> Wired:
     """A shipped robot in a plant."""
     wired = empty_plant(time_step)
-    wired.robot = crar_drake.AddRobot(wired.plant, robot)
+    wired.robot, wired.name = crar_drake.AddRobot(wired.plant, robot), robot
     if finalized:
         wired.plant.Finalize()
     return wired
@@ -1124,7 +1121,7 @@ def put_in_plant(
 
 def says(wired: Wired) -> dict[str, Any]:
     """What the description of a robot in a plant says, as the guide has it."""
-    told = wired.robot
+    told = load_robot(wired.name)
     return {
         "points": dict(told.task_frames),
         "pairs": [tuple(pair) for pair in told.pairs],
@@ -1134,9 +1131,9 @@ def says(wired: Wired) -> dict[str, Any]:
 
 
 def watch(wired: Wired, pairs: list[tuple[str, str]]) -> None:
-    """Adds pairs of links to those that are watched, before there is a controller."""
-    pairs = [*wired.robot.pairs, *map(list, pairs)]
-    wired.robot = dataclasses.replace(wired.robot, pairs=pairs)
+    """Adds pairs of links to those that the description has, before there is a
+    controller."""
+    wired.watched = [*load_robot(wired.name).pairs, *map(list, pairs)]
 
 
 def tasks_of(tasks: list[Task]) -> list[Any]:
@@ -1152,7 +1149,7 @@ def add_controller(
     tasks: list[Task] | None = None,
     *,
     sphere_speeds: list[float] | None = None,
-    own_model: bool = False,
+    own_file: bool = False,
     **parameters: object,
 ) -> Wired:
     """Adds a controller beside a plant, once that is finalized.
@@ -1160,22 +1157,31 @@ def add_controller(
     Args:
         tasks: by default a position of POINT.
         sphere_speeds: bounds for what moves by itself [m/s].
-        own_model: the robot is by its own file in the plant, among other things;
-            the controller computes with the shipped model.
+        own_file: the robot is by its own file in the plant, among other things.
         parameters: its period [s] and the like, where they are not the product's.
     """
-    given: dict[str, Any] = {"obstacle_speeds": sphere_speeds or ()}
-    robot, tasks = wired.robot, tasks_of(tasks or [("position", POINT)])
-    if own_model:
-        given["model_instance"], robot = robot, load_robot(BUILT_IN)
-        model = crar_drake.ControlModel.FromDescription(robot, tasks)
-        given["control_model"] = model
+    told, tasks = load_robot(wired.name), tasks_of(tasks or [("position", POINT)])
+    if own_file:
+        tasks = [
+            dataclasses.replace(task, frame=told.task_frames[task.frame])
+            for task in tasks
+        ]
     wired.controller = crar_drake.AddCrarController(
-        *(wired.builder, wired.plant, wired.scene_graph, robot, tasks),
+        *(wired.builder, wired.plant, wired.scene_graph, tasks),
         crar_drake.LookaheadParameters(**parameters),
-        **given,
+        model_instance=wired.robot,
+        watch=wired.watched or told.pairs,
+        prescribed=list(told.prescribed_joints),
+        obstacle_speeds=sphere_speeds or (),
     )
     return wired
+
+
+def rest_in_plant(wired: Wired) -> None:
+    """Makes the rest posture of the description that of the plant."""
+    for name, position in load_robot(wired.name).rest_posture.items():
+        joint = wired.plant.GetJointByName(name, wired.robot)
+        joint.set_default_positions([position])
 
 
 def packed(

@@ -16,7 +16,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 from tracking import Robot
 
 STEP, PERIOD = 1e-3, 5e-3  # of plants and of controllers, unless told otherwise [s]
@@ -102,9 +102,11 @@ class Running:
         )
 
     def port(self, name: str) -> np.ndarray:
-        """What an output of the controller has now."""
+        """What an output of the controller has now, or once it has been updated."""
         controller = self.wired.controller
         context = controller.GetMyContextFromRoot(self.root)
+        if name in product.HELD:
+            return controller.diagnostics(context)[product.HELD[name]].copy()
         return controller.GetOutputPort(product.OUTPUTS[name]).Eval(context).copy()
 
     def watch(self, until: float, period: float = PERIOD) -> Seen:
@@ -398,6 +400,37 @@ def test_what_stands_beside_it_is_kept_off():
     assert product.SAFETY_DISTANCE - ROUNDING < nearest < 0.02
 
 
+def test_targets_may_come_from_the_command():
+    """Ports that hold are fed by no input; after an update they are what is told."""
+    wired = ready(robot=product.ARM, tasks=[("joint", "joint1")])
+    controller, n = wired.controller, len(wired.posture)
+    pick = np.zeros((3, 2 * n))
+    pick[0, 0] = pick[1, n] = 1.0  # go on as it was told to be
+    gain, ahead = MatrixGain(pick), Given(3, lambda t: np.array([0.002, 0.0, 0.0]))
+    adder = Adder(2, 3)
+    for system in (gain, ahead, adder):
+        wired.builder.AddSystem(system)
+    connect, port = wired.builder.Connect, controller.GetOutputPort
+    connect(port(product.OUTPUTS["command"]), gain.get_input_port())
+    connect(gain.get_output_port(), adder.get_input_port(0))
+    connect(ahead.get_output_port(), adder.get_input_port(1))
+    connect(adder.get_output_port(), input_of(wired, "targets"))
+    simulator = Simulator(wired.builder.Build())
+    context = controller.GetMyContextFromRoot(simulator.get_context())
+    for name in product.HELD:
+        held = controller.GetOutputPort(product.OUTPUTS[name])
+        assert not any(
+            controller.HasDirectFeedthrough(i, held.get_index())
+            for i in range(controller.num_input_ports())
+        )
+    simulator.AdvanceTo(1.0 + 0.5 * STEP)
+    for name, told in product.HELD.items():
+        held = controller.GetOutputPort(product.OUTPUTS[name]).Eval(context)
+        np.testing.assert_array_equal(held, controller.diagnostics(context)[told])
+    held = controller.GetOutputPort(product.OUTPUTS["command"]).Eval(context)
+    assert held[0] > wired.posture[0] + 0.01
+
+
 # --- contexts, other ways to the same law ---------------------------------------------
 
 
@@ -422,7 +455,7 @@ def test_contexts_have_all_of_the_state():
 
 
 def test_a_robot_by_its_own_file_is_driven_alike():
-    """Beside a box that falls, by a model of its own."""
+    """Beside a box that falls."""
     there = []
     for own in (False, True):
         if own:
@@ -431,8 +464,8 @@ def test_a_robot_by_its_own_file_is_driven_alike():
             inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
             wired.plant.AddRigidBody("box", box, inertia)
             wired.plant.Finalize()
-            product.add_controller(wired, WRISTS, period=PERIOD, own_model=True)
-            wired.plant.SetDefaultPositions(wired.robot, wired.posture)
+            product.rest_in_plant(wired)
+            product.add_controller(wired, WRISTS, period=PERIOD, own_file=True)
         else:
             wired = ready()
         running = Running(wired, swings(wired))

@@ -16,7 +16,7 @@ from pydrake.systems.primitives import (
     VectorLogSink,
 )
 from pydrake.trajectories import PiecewisePolynomial
-from small_robots import add_plant, chain_urdf, make_model
+from small_robots import add_controller, add_plant, chain_urdf, make_model
 
 from crar_drake.errors import InputError
 from crar_drake.law.control_law import ControlLaw
@@ -24,7 +24,6 @@ from crar_drake.law.controller import CrarController
 from crar_drake.law.parameters import LookaheadParameters, PaperParameters
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.task import Task
-from crar_drake.simulation.diagram import AddCrarController
 from tests.controller_parts import part_port
 
 STEP = 1e-3  # time step of the discrete plants [s]
@@ -97,7 +96,7 @@ def trajectory(function, duration=1.0) -> PiecewisePolynomial:
 def make_loop(time_step: float, sampled: bool, ratio: int, level: str) -> Loop:
     builder = DiagramBuilder()
     plant, scene_graph = add_plant(builder, URDF, time_step=time_step, sampled=sampled)
-    controller = AddCrarController(
+    controller = add_controller(
         builder,
         plant,
         scene_graph,

@@ -10,7 +10,7 @@ from pydrake.systems.primitives import (
     VectorLogSink,
 )
 from scipy.optimize import linprog
-from small_robots import add_plant, chain_urdf, make_model
+from small_robots import add_controller, add_plant, chain_urdf, make_model
 
 from crar_drake.errors import InputError
 from crar_drake.law import parameters
@@ -22,7 +22,7 @@ from crar_drake.law.step import SCALED
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
-from crar_drake.simulation.diagram import AddCrarController, MakeCrarDiagram
+from crar_drake.simulation.diagram import MakeCrarDiagram
 from crar_drake.simulation.disturbances import Disturbances
 from crar_drake.simulation.scenario import load_scenario
 from tests.controller_parts import part_port
@@ -46,7 +46,7 @@ class Loop:
         if effort is not None:
             urdf = URDF.replace("<limit ", f'<limit effort="{effort}" ')
         self.plant, scene_graph = add_plant(builder, urdf, time_step=time_step)
-        self.controller = AddCrarController(
+        self.controller = add_controller(
             builder,
             self.plant,
             scene_graph,
@@ -206,7 +206,7 @@ def test_periods_whose_multiples_round_differently(step, ratio, apart, monkeypat
     builder = DiagramBuilder()
     plant, scene_graph = add_plant(builder, chain_urdf("zz"), time_step=step)
     gains = LookaheadParameters(period=ratio * step)
-    controller = AddCrarController(
+    controller = add_controller(
         builder, plant, scene_graph, RobotDescription(), [Task(frame="tip")], gains
     )
     target = builder.AddSystem(ConstantVectorSource(np.r_[0.3, 0.3, np.zeros(7)]))

@@ -152,10 +152,12 @@ def test_a_simulated_robot_does_as_it_was_told(model):
     is fast, each state is the one commanded, and each begins clear."""
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=PERIOD)
-    description = AddRobot(plant, "upper_body")
+    robot = AddRobot(plant, "upper_body")
     plant.Finalize()
     controller = AddCrarController(
-        *(builder, plant, scene_graph, description, TASKS, PARAMETERS),
+        *(builder, plant, scene_graph, TASKS, PARAMETERS),
+        model_instance=robot,
+        prescribed=model.prescribed_names,
         obstacle_speeds=[1.5],
     )
     diagram = builder.Build()
@@ -177,8 +179,8 @@ def test_a_simulated_robot_does_as_it_was_told(model):
         state = plant.GetPositionsAndVelocities(own)
         if told is not None:
             off = max(off, np.abs(state - told).max())
-        told = controller.get_output_port_position_command().Eval(context)
-        admission = controller.diagnostics(context)["admission"]
+        parts = controller.diagnostics(context)
+        told, admission = parts["position_command"], parts["admission"]
         assert admission[3] == 1.0
         hows.add(admission[0])
         q, v = np.split(state, 2)
@@ -206,11 +208,9 @@ def test_what_does_not_go_with_obstacles_is_refused(model):
         step(replace(PARAMETERS, braking_time=PERIOD))
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=PERIOD)
-    description = AddRobot(plant, "upper_body")
+    AddRobot(plant, "upper_body")
     plant.Finalize()
-    controller = AddCrarController(
-        builder, plant, scene_graph, description, TASKS, PARAMETERS
-    )
+    controller = AddCrarController(builder, plant, scene_graph, TASKS, PARAMETERS)
     with pytest.raises(InputError, match="obstacle_speeds"):
         controller.get_input_port_obstacles()
 

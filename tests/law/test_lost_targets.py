@@ -8,7 +8,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
-from small_robots import add_plant, chain_urdf
+from small_robots import add_controller, add_plant, chain_urdf
 
 from crar_drake.errors import InputError
 from crar_drake.judging.referee import Referee
@@ -20,7 +20,6 @@ from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.task import Task
 from crar_drake.run import make_log
 from crar_drake.simulation.diagram import (
-    AddCrarController,
     MakeCrarDiagram,
     PrepareScenario,
 )
@@ -93,7 +92,7 @@ def simulate(
     parameters = kind(blend_time=BLENDING)
     if kind is LookaheadParameters:
         parameters.braking_time = HORIZON
-    controller = AddCrarController(
+    controller = add_controller(
         builder, plant, scene_graph, DESCRIPTION, [Task(frame="tip")], parameters
     )
     for stream, port in (
@@ -110,7 +109,7 @@ def simulate(
         for name, port in {
             "state": plant.get_state_output_port(),
             "status": part_port(builder, controller, "status"),
-            "acceleration": controller.get_output_port_desired_acceleration(),
+            "acceleration": part_port(builder, controller, "desired_acceleration"),
             "actuation": controller.get_output_port_actuation(),
         }.items()
     }

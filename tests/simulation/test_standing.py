@@ -4,8 +4,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.geometry import Sphere
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
 from standing_robots import APART, HEIGHT, PAD, standing_robot, tipping_cell
 
+from crar_drake import (
+    AddRobot,
+    AddStandingController,
+    CrarWarning,
+    MakeCrarDiagram,
+    StandingLaw,
+    add_contact_ground,
+    load_robot_description,
+    standing_description,
+)
 from crar_drake.commands import main
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.law.parameters import BalanceParameters, LookaheadParameters
@@ -179,3 +196,54 @@ def test_a_run_of_a_cell_whose_base_is_fixed(tmp_path) -> None:
             assert np.abs(run.log.v).max() > 1.0
     assert farthest[0] < APART + PAD - 0.02 + 1e-6
     assert farthest[1] > APART + PAD
+
+
+def test_a_step_at_which_contact_may_explode(folder) -> None:
+    long = scenario(folder, REST, REST, duration=0.01)
+    long.plant_config.time_step = 0.005
+    with pytest.warns(CrarWarning, match="0.005 s: contact.* explode; take at most"):
+        MakeCrarDiagram(long)
+
+
+def test_it_stands_beside_other_things(folder) -> None:
+    """A ball falls on the floor; the robot stands, and reaches for its target."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    described = load_robot_description(folder)
+    robot = AddRobot(plant, described)
+    ball = plant.AddRigidBody(
+        "ball",
+        plant.AddModelInstance("ball"),
+        SpatialInertia.SolidSphereWithMass(1.0, 0.05),
+    )
+    friction = CoulombFriction(0.5, 0.5)
+    shape = Sphere(0.05)
+    plant.RegisterCollisionGeometry(ball, RigidTransform(), shape, "ball", friction)
+    plant.SetDefaultFloatingBaseBodyPose(ball, RigidTransform([1.0, 0.0, 0.2]))
+    law = StandingLaw(ControlModel.FromDescription(described, []).plant, described, 0.8)
+    add_contact_ground(plant, scene_graph, described, 0.8, law.floor, robot)
+    plant.Finalize()
+    still = standing_description(described)
+    model = ControlModel.FromDescription(still, [Task(frame="hand")], time_step=0.0)
+    controller, standing = AddStandingController(
+        *(builder, plant, law, model, LookaheadParameters(period=0.005)),
+        model_instance=robot,
+    )
+    rest = model.rest_positions()
+    target = model.tasks_at(rest)
+    target[:3] = hand_at(0.5, 0.5)
+    for value, port in (
+        (target, controller.get_input_port_desired_tasks()),
+        (model.prescribed_at(rest), controller.get_input_port_desired_prescribed()),
+    ):
+        source = builder.AddSystem(ConstantVectorSource(value))
+        builder.Connect(source.get_output_port(), port)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(1.0)
+    root = simulator.get_context()
+    of_ball = plant.EvalBodyPoseInWorld(plant.GetMyContextFromRoot(root), ball)
+    assert of_ball.translation()[2] == pytest.approx(0.05, abs=2e-3)
+    status = standing.get_output_port_status()
+    assert status.Eval(standing.GetMyContextFromRoot(root))[1] == 0.0
+    told = controller.diagnostics(controller.GetMyContextFromRoot(root))
+    assert np.abs(told["task_error"]).max() < 5e-3

@@ -306,8 +306,13 @@ class Robot(NamedTuple):
 
 
 @compiled
-def find_state(q: np.ndarray, v: np.ndarray, r: Robot) -> State:
-    """Eqs. (5), (6): the numbers of a state, (nq,), (nv,) in the plant's order."""
+def find_state(q: np.ndarray, v: np.ndarray, robot: Held) -> State:
+    """Eqs. (5), (6): the numbers of a state, (nq,), (nv,) in the plant's order.
+
+    Args:
+        robot: holds the `Robot`.
+    """
+    r = robot.value
     tasks, rows, nv = r.tasks.value, r.rows.value, len(r.order)
     tree = r.tree.value
     X = link_poses(q.reshape(1, -1), tree, tree.every)
@@ -336,7 +341,7 @@ def find_state(q: np.ndarray, v: np.ndarray, r: Robot) -> State:
 
 @compiled
 def watched_distances(
-    state: State, asked: np.ndarray, r: Robot
+    state: State, asked: np.ndarray, robot: Held
 ) -> tuple[np.ndarray, np.ndarray]:
     """Eq. (20): signed distances (Nc,) of the watched pairs [m], and their gradients
     (Nc, nv) by all joints.
@@ -344,7 +349,9 @@ def watched_distances(
     Args:
         state: of the robot.
         asked: of `nearest_of_pairs`.
+        robot: holds the `Robot`.
     """
+    r = robot.value
     watched = r.watched.value
     d, normal, p = nearest_of_pairs(state.points, asked, r.pairs.value, watched)
     return d, distance_gradient_about_origin(normal, p, state.S, watched.moves)
@@ -354,7 +361,7 @@ def watched_distances(
 def evaluate_state(
     q: np.ndarray, v: np.ndarray, asked: np.ndarray, robot: Held
 ) -> tuple[State, np.ndarray, np.ndarray]:
-    """`find_state` and `watched_distances`, of a held `Robot`."""
-    state = find_state(q, v, robot.value)
-    d, dd_dv = watched_distances(state, asked, robot.value)
+    """`find_state` and `watched_distances`."""
+    state = find_state(q, v, robot)
+    d, dd_dv = watched_distances(state, asked, robot)
     return state, d, dd_dv

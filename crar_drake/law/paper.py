@@ -180,12 +180,12 @@ def paper_step(
     r, gains = numbers.robot.value, numbers.gains
     n, Nc = r.n, len(r.watched.value.moves)
     of_limits, of_pairs = kept[:n], kept[n : n + Nc * n].reshape(Nc, n)
-    state = find_state(q, v, r)
+    state = find_state(q, v, numbers.robot)
     targets = Targets(tasks, prescribed, posture, start, (s, s_dot, s_ddot))
     references = find_references(state, targets, r.rows.value, numbers.tasks)
     W = np.ones(n)
     if numbers.constrained:
-        d, dd_dv = watched_distances(state, asked, r)
+        d, dd_dv = watched_distances(state, asked, numbers.robot)
         dd_dq, limits = np.ascontiguousarray(dd_dv[:, :n]), numbers.limits
         W, of_limits, of_pairs = constraint_weights(
             state.q[:n], d, dd_dq, of_limits, of_pairs, limits, gains

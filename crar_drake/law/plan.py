@@ -543,7 +543,7 @@ def plan_step(
     targets = Targets(tasks, prescribed, posture, start, (s, s_dot, s_ddot))
     r, preview, n = numbers.robot.value, numbers.preview.value, len(numbers.lower)
     approach, lower, upper = numbers.approach, numbers.lower, numbers.upper
-    state = find_state(q, v, r)
+    state = find_state(q, v, numbers.robot)
     references = find_references(state, targets, r.rows.value, numbers.tasks)
     q, v = state.q, state.v
     last = shifted_plan(before, preview, n, numbers.period)

@@ -18,7 +18,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from crar_drake.errors import ModelError
 from crar_drake.law.compilation import Held
-from crar_drake.law.kinematics import evaluate_state, find_state
+from crar_drake.law.kinematics import State, evaluate_state, find_state
 from crar_drake.law.tasks import task_weights
 from crar_drake.robot.actuators import Actuators
 from crar_drake.robot.collision_pairs import WatchedPairs
@@ -206,6 +206,10 @@ class ControlModel:
         state = evaluate_state(q, v, self.asked_here(workspace), self.robot)
         return ModelState.of(*state, self.n)
 
+    def task_state(self, q: np.ndarray, v: np.ndarray) -> State:
+        """The numbers of a state (nq,), (nv,), without any pair."""
+        return find_state(q, v, self.robot)
+
     def signed_distances(self, q: np.ndarray) -> np.ndarray:
         """(Nc,) signed distance of each watched pair, as SceneGraph measures it [m].
 
@@ -323,7 +327,7 @@ class ControlModel:
         Returns:
             (layout.size,) [x_d; v_d; a_d], see `TaskLayout`, with v_d = a_d = 0.
         """
-        state = find_state(np.array(q, dtype=float), self._still, self.robot.value)
+        state = self.task_state(np.array(q, dtype=float), self._still)
         return self.layout.pack(state.R, state.p, q=state.q[self.layout.rows.joints])
 
     def _set_joints(self) -> None:

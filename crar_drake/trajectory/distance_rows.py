@@ -120,6 +120,6 @@ def find_poses(q: np.ndarray, robot: Held) -> tuple[np.ndarray, np.ndarray, np.n
     p = np.empty((K, len(rows.linear_tasks), 3))
     J, still = np.empty((K, m, nv)), np.zeros(nv)
     for k in range(K):
-        state = find_state(q[k], still, r)
+        state = find_state(q[k], still, robot)
         R[k], p[k], J[k] = state.R, state.p, state.J
     return R, p, J

@@ -56,10 +56,10 @@ class BalanceLaw(NamedTuple):
     masses: Masses
     cone: WrenchCone
     controlled: np.ndarray  # (n,) velocities of the controlled joints, in the plant's
-    T: float  # braking horizon [s]
+    T: float  # braking time constant [s]
     period: float  # [s]
     step: float  # of the plant [s]; 0 if it is continuous
-    finest: float  # of a face's value, what pieces of a way may always add to it [Nm]
+    finest: float  # of a face's value, what pieces of a path may always add [Nm]
     near: float  # rows are of faces that are less below their level [Nm]
 
 

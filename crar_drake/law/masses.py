@@ -29,7 +29,7 @@ class Masses(NamedTuple):
     tree: Held  # of a `Tree`
     velocity: np.ndarray  # (N,) the index in v of what moves the frame; 0's any
     turn: np.ndarray  # (N, 3) its axis of rotation in the frame, 0 if it only slides
-    slide: np.ndarray  # (N, 3) the direction of its slide in the frame, 0 if it turns
+    slide: np.ndarray  # (N, 3) how it slides in the frame, 0 if it only turns
     inertia: np.ndarray  # (N, 4, 4) P, in the frame [kg m^2, kg m and kg]
     g: float  # [m/s^2], downwards
 

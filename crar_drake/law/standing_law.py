@@ -240,14 +240,13 @@ class StandingLaw:
         nv = plant.num_velocities()
         q, v = np.split(state, [len(state) - nv])
         plant.SetPositionsAndVelocities(context, state)
-        corners = self.corners(context)
         M = plant.CalcMassMatrix(context) + self._damping
         if self.fell(context):
             return self._go_limp(M, v)
         plant.CalcForceElementsContribution(context, self._forces)
         h = plant.CalcInverseDynamics(context, np.zeros(nv), self._forces)
-        J, bias, pushes = self._contacts(context)
-        X_WS = _moved(self._corners_at_rest, np.vstack(corners))
+        X_WS = _moved(self._corners_at_rest, np.vstack(self.corners(context)))
+        J, bias, off, pushes = self._contacts(context, X_WS)
         X_ref, c_ref, c_dot_ref, c_dd_ref = self._reference(reference, X_WS, command)
 
         # a = a_0 + N a_b: joints as commanded, legs such that the soles stay.
@@ -259,8 +258,7 @@ class StandingLaw:
         )
         U, s, V_T = np.linalg.svd(J[:, legs], full_matrices=False)
         inverse = (V_T.T * (s / np.maximum(s, _SINGULAR) ** 2)) @ U.T
-        held = self._stiffness * self._off(context, X_WS) + self._rates * (J @ v)
-        a_0[legs] = -inverse @ (bias + held)
+        a_0[legs] = -inverse @ (bias + self._stiffness * off + self._rates * (J @ v))
         N[b], N[legs] = np.eye(6), -inverse @ J[:, b]
 
         # The root's rows, in shares x of the weight along the pyramids' edges:
@@ -330,34 +328,30 @@ class StandingLaw:
         )
         return np.maximum(x, 0.0)
 
-    def _contacts(self, context: Context) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The soles' Jacobian (6 S, nv) and bias (6 S,), and what forces along the
+    def _contacts(
+        self, context: Context, X_WS: RigidTransform
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The soles' Jacobian (6 S, nv) and bias (6 S,); how far they are from where
+        they stand, (6 S,), turned [rad] and off [m]; and what forces along the
         pyramids' edges do, (nv, K)."""
-        W, with_v, plant = self.plant.world_frame(), JacobianWrtVariable.kV, self.plant
-        origin = np.zeros(3)
-        jacobians, biases, pushes = [], [], []
-        for (frame, _), at in zip(self._soles, self._pressed, strict=True):
-            J = plant.CalcJacobianSpatialVelocity(context, with_v, frame, origin, W, W)
-            bias = plant.CalcBiasSpatialAcceleration(
-                context, with_v, frame, origin, W, W
-            )
-            arms = at @ frame.CalcPoseInWorld(context).rotation().matrix().T
-            arms = np.repeat(arms, len(_WAYS), axis=0)
-            edges = np.tile(self._edges, (len(at), 1))
-            pushes.append(J.T @ np.hstack([cross_rows(arms, edges), edges]).T)
+        plant, W = self.plant, self.plant.world_frame()
+        jacobians, biases, off, pushes = [], [], [], []
+        for (frame, _), at_rest, at in zip(
+            self._soles, self._soles_at_rest, self._pressed, strict=True
+        ):
+            of_sole = context, JacobianWrtVariable.kV, frame, np.zeros(3), W, W
+            J = plant.CalcJacobianSpatialVelocity(*of_sole)
             jacobians.append(J)
+            bias = plant.CalcBiasSpatialAcceleration(*of_sole)
             biases.append(bias.get_coeffs())
-        return np.vstack(jacobians), np.concatenate(biases), np.hstack(pushes)
-
-    def _off(self, context: Context, X_WS: RigidTransform) -> np.ndarray:
-        """(6 S,) how far the soles are from where they stand: turned [rad], and off
-        [m]."""
-        off = []
-        for (frame, _), at_rest in zip(self._soles, self._soles_at_rest, strict=True):
             pose, wanted = frame.CalcPoseInWorld(context), X_WS @ at_rest
             off.append(_rotation_vector(pose.rotation() @ wanted.rotation().inverse()))
             off.append(pose.translation() - wanted.translation())
-        return np.concatenate(off)
+            arms = np.repeat(at @ pose.rotation().matrix().T, len(_WAYS), axis=0)
+            edges = np.tile(self._edges, (len(at), 1))
+            pushes.append(J.T @ np.hstack([cross_rows(arms, edges), edges]).T)
+        stacked = map(np.concatenate, (jacobians, biases, off))
+        return *stacked, np.hstack(pushes)
 
     def _reference(
         self,

@@ -30,8 +30,8 @@ from crar_drake.law.masses import (
 def wrenches(
     q: np.ndarray, v: np.ndarray, vdot: np.ndarray, masses: Masses
 ) -> np.ndarray:
-    """The wrench that the ground must give, (3, 6): of the weight; of what velocities
-    alone take, the centripetal and gyroscopic; and of accelerations alone.
+    """The wrench that the ground must give, (3, 6), in three parts [Nm and N]: of the
+    weight; of velocities alone, centripetal and gyroscopic; of accelerations alone.
 
     Args:
         q: (nq,) positions, in the plant's order.

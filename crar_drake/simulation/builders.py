@@ -159,9 +159,17 @@ def AddCrarController(
             shapes that can touch and are not watched, pairs that cannot be examined,
             another controller's robot within reach, arguments without effect.
     """
-    parameters = parameters or LookaheadParameters()
-    parameters.validate()
     tasks = check_tasks(tasks)
+    parameters = LookaheadParameters() if parameters is None else parameters
+    for name, given, kind in (
+        ("builder", builder, DiagramBuilder),
+        ("plant", plant, MultibodyPlant),
+        ("scene_graph", scene_graph, SceneGraph),
+        ("parameters", parameters, Parameters),
+    ):
+        if not isinstance(given, kind):
+            raise ModelError(f"{name} cannot be a {type(given).__name__}")
+    parameters.validate()
     if not plant.is_finalized():
         raise ModelError("the plant is not finalized: call plant.Finalize() first")
     part = Part(plant, _instances(plant, model_instance))
@@ -172,7 +180,7 @@ def AddCrarController(
         task_frames={t.frame: border.scoped(t.frame) for t in tasks if t.frame},
     )
     model = border.model(description, tasks, watch)
-    if len(obstacle_speeds) and not isinstance(parameters, LookaheadParameters):
+    if np.size(obstacle_speeds) and not isinstance(parameters, LookaheadParameters):
         border.said.append(
             "obstacle_speeds have no effect: the paper's law takes no notice of "
             "obstacles that move; take LookaheadParameters, or leave them out"

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
     ExternallyAppliedSpatialForce,
@@ -27,6 +26,7 @@ from crar_drake.law.parameters import SafetyParameters
 from crar_drake.law.safety_filter import SafetyFilter
 from crar_drake.robot.description import add_robot, load_robot_description
 from crar_drake.run import RunResult
+from crar_drake.simulation.diagram import leave_out_contact
 from crar_drake.simulation.disturbances import Push, ScaleMasses, applied_force
 
 ROBOT = "upper_body"
@@ -170,10 +170,7 @@ class DrivenRobot:
             p, d = SLIDING if slides else TURNING
             actuator.set_controller_gains(PdControllerGains(p=p, d=d))
         plant.Finalize()
-        port = plant.get_geometry_query_input_port()
-        builder.Disconnect(self.scene_graph.get_query_output_port(), port)
-        nothing = builder.AddNamedSystem("nothing_to_touch", SceneGraph())
-        builder.Connect(nothing.get_query_output_port(), port)
+        leave_out_contact(plant, self.scene_graph)
         self._simulator = Simulator(builder.Build())
         root = self._simulator.get_mutable_context()
         self.context = plant.GetMyMutableContextFromRoot(root)

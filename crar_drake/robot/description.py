@@ -10,7 +10,6 @@ from numbers import Real
 from pathlib import Path
 
 import numpy as np
-import yaml
 from pydrake.geometry import HalfSpace
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
@@ -20,7 +19,6 @@ from pydrake.multibody.tree import (
     Frame,
     FrameIndex,
     Joint,
-    ModelInstanceIndex,
     QuaternionFloatingJoint,
     RigidBody,
     ScopedName,
@@ -362,55 +360,60 @@ def imported_names() -> list[str]:
     return sorted(path.parent.name for path in found)
 
 
-def add_robot(
-    plant: MultibodyPlant,
-    description: RobotDescription,
-    *,
-    prefix: str = "",
-    X_WB: RigidTransform | None = None,
-    alone: bool = True,
-) -> tuple[RobotDescription, list[ModelInstanceIndex]]:
-    """Parses the robot's model into a plant that is registered with a SceneGraph,
-    and welds its base to the world, unless it floats. The plant is not finalized.
-
-    A ground that the description has is added to the world's shapes, and a link for
-    each thing of its environment.
-
-    Args:
-        prefix: of the names of its model instances.
-        X_WB: pose of the base in the world; by default that of the description.
-        alone: whether the plant has nothing else. If not, model instances are named
-            after the description, and links of its model that it does not watch against
-            each other are left out of contact.
-
-    Returns:
-        The description with its names as they are in the plant, scoped if it is not
-        alone; and the model instances that were added.
+def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
+    """Parses the robot's model into a plant that is registered with a SceneGraph, and
+    places it (`place_robot`). The plant is not finalized, and has nothing else (see
+    `robot.beside`).
 
     Raises:
-        ModelError: the model file cannot be parsed, or there is no such base, or it
-            cannot be welded; or there is a ground, and a link "ground" as well; or a
-            mesh of the environment cannot be used.
+        ModelError: the model file cannot be parsed, or as `place_robot`.
     """
+    check_model(description)
+    model = Path(description.folder) / description.model
+    try:
+        model_parser(plant, description).AddModels(str(model))
+    except RuntimeError as error:
+        raise ModelError(f"{model}: {error}") from error
+    place_robot(plant, description, description.rest_pose())
+
+
+def check_model(description: RobotDescription) -> None:
+    """Raises ModelError if the description has no model, which could be parsed."""
     if not description.model:
         raise ModelError(
             f"robot {description.name}: the description has no model, which could be "
             "parsed; of a robot that is in a plant of yours give "
             "ControlModel.FromPlant(plant, scene_graph, description, tasks)"
         )
+
+
+def model_parser(plant: MultibodyPlant, description: RobotDescription) -> Parser:
+    """A parser that knows the package in the description's folder."""
+    parser = Parser(plant)
+    # Drake wants to see a folder.
+    package = (Path(description.folder) / "package.xml").absolute()
+    if package.is_file():
+        parser.package_map().AddPackageXml(str(package))
+    return parser
+
+
+def place_robot(
+    plant: MultibodyPlant, description: RobotDescription, X_WB: RigidTransform
+) -> None:
+    """Welds the base of a robot in the plant to the world, unless it floats.
+
+    A ground that the description has is added to the world's shapes, and a link for
+    each thing of its environment.
+
+    Args:
+        X_WB: pose of the base in the world.
+
+    Raises:
+        ModelError: there is no such base, or it cannot be welded; or there is a ground,
+            and a link "ground" as well; or a mesh of the environment cannot be used.
+    """
     folder = Path(description.folder)
     model = folder / description.model
-    try:
-        if alone:
-            instances = _parser(plant, folder).AddModels(str(model))
-        else:
-            directives = _directives(description, prefix)
-            parser = _parser(plant, folder)
-            instances = parser.AddModelsFromString(directives, "dmd.yaml")
-            description = _scoped(plant, description, prefix, instances)
-    except RuntimeError as error:
-        hint = "; give another prefix" if "already" in str(error) else ""
-        raise ModelError(f"{model}: {error}{hint}") from error
     if description.ground is not None:
         if plant.HasBodyNamed(GROUND):
             raise ModelError(
@@ -422,120 +425,17 @@ def add_robot(
         add_environment(plant, description.environment, folder)
     except ModelError as error:
         raise ModelError(f"robot {description.name}: {error}") from error
-    if X_WB is not None and not description.base:
-        raise ModelError(
-            f"robot {description.name}: its model welds itself to the world; leave "
-            "X_WB out, or change the model"
-        )
-    X_WB = description.rest_pose() if X_WB is None else X_WB
-    if description.base:
-        if description.root != "fixed":
-            body = find_body(plant, description.base)
-            plant.SetDefaultFloatingBaseBodyPose(body, X_WB)
-            return description, instances
-        base = find_frame(plant, description.base)
-        try:
-            plant.WeldFrames(plant.world_frame(), base, X_WB)
-        except RuntimeError as error:  # e.g. the model has welded it already
-            raise ModelError(f"{model}: base: {description.base!r}: {error}") from error
-    return description, instances
-
-
-def _parser(plant: MultibodyPlant, folder: Path) -> Parser:
-    parser = Parser(plant)
-    package = (folder / "package.xml").absolute()  # Drake wants to see a folder
-    if package.is_file():
-        parser.package_map().AddPackageXml(str(package))
-    return parser
-
-
-def _is_directives(description: RobotDescription) -> bool:
-    return description.model.endswith((".dmd.yaml", ".dmd.yml"))
-
-
-def _directives(description: RobotDescription, prefix: str) -> str:
-    """Model directives that add the robot's model, under a prefix, and filters for the
-    pairs of its links that it does not watch."""
-    folder = Path(description.folder)
-    alone = MultibodyPlant(0.0)
-    instances = _parser(alone, folder).AddModels(str(folder / description.model))
-    uri = f"file://{(folder / description.model).absolute()}"
-    if _is_directives(description):
-        added = {"file": uri} | ({"model_namespace": prefix} if prefix else {})
-        steps = [{"add_directives": added}]
-        if prefix:
-            steps.insert(0, {"add_model_instance": {"name": prefix}})
-    else:
-        name = _joined(prefix, description.name)
-        steps = [{"add_model": {"name": name, "file": uri}}]
-    # A link is a group of its own, which leaves out those before it.
-    outside = {GROUND, *description.environment}
-    watched = {
-        frozenset(find_body(alone, name).index() for name in pair)
-        for pair in description.pairs
-        if not outside & set(pair)
-    }
-    links = [index for of in instances for index in alone.GetBodyIndices(of)]
-    for i, index in enumerate(links):
-        body = alone.get_body(index)
-        of = alone.GetModelInstanceName(body.model_instance())
-        of = of if _is_directives(description) else description.name
-        left_out = [
-            f"link_{k}"
-            for k, other in enumerate(links[:i])
-            if frozenset((index, other)) not in watched
-        ]
-        group = {
-            "name": f"link_{i}",
-            "members": [f"{_joined(prefix, of)}::{body.name()}"],
-            "ignored_collision_filter_groups": left_out,
-        }
-        steps.append({"add_collision_filter_group": group})
-    return yaml.safe_dump({"directives": steps})
-
-
-def _joined(prefix: str, name: str) -> str:
-    return f"{prefix}::{name}" if prefix else name
-
-
-def _scoped(
-    plant: MultibodyPlant,
-    description: RobotDescription,
-    prefix: str,
-    instances: list[ModelInstanceIndex],
-) -> RobotDescription:
-    """The description with the names that its links, frames and joints have now."""
-    has = plant.HasBodyNamed, plant.HasFrameNamed, plant.HasJointNamed
-
-    def scoped(name: str) -> str:
-        if name in description.environment:
-            return f"{prefix}_{name}" if prefix else name
-        if "::" in name:
-            return _joined(prefix, name)
-        for instance in instances:
-            if any(named(name, instance) for named in has):
-                return f"{plant.GetModelInstanceName(instance)}::{name}"
-        return name
-
-    return replace(
-        description,
-        base=scoped(description.base),
-        pairs=[[scoped(name) for name in pair] for pair in description.pairs],
-        environment={scoped(name): it for name, it in description.environment.items()},
-        **{
-            field: {scoped(name): value for name, value in of.items()}
-            for field in (
-                "prescribed_joints",
-                "rest_posture",
-                "velocity_limits",
-                "soles",
-            )
-            for of in [getattr(description, field)]
-        },
-        task_frames={
-            point: scoped(frame) for point, frame in description.task_frames.items()
-        },
-    )
+    if not description.base:
+        return
+    if description.root != "fixed":
+        body = find_body(plant, description.base)
+        plant.SetDefaultFloatingBaseBodyPose(body, X_WB)
+        return
+    base = find_frame(plant, description.base)
+    try:
+        plant.WeldFrames(plant.world_frame(), base, X_WB)
+    except RuntimeError as error:  # e.g. the model has welded it already
+        raise ModelError(f"{model}: base: {description.base!r}: {error}") from error
 
 
 def _add_ground(plant: MultibodyPlant, height: float) -> None:

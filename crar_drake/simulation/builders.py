@@ -19,10 +19,10 @@ from crar_drake.law.controller import CrarController
 from crar_drake.law.parameters import LookaheadParameters, Parameters
 from crar_drake.law.standing_controller import StandingController
 from crar_drake.law.standing_law import StandingLaw
+from crar_drake.robot.beside import add_robot_beside
 from crar_drake.robot.control_plant import Part
 from crar_drake.robot.description import (
     RobotDescription,
-    add_robot,
     find_frame,
     find_joint,
     load_robot_description,
@@ -82,7 +82,7 @@ def AddRobot(
         raise ModelError(f"X_WB is a RigidTransform, not {type(X_WB).__name__}")
     if not isinstance(robot, RobotDescription):
         robot = load_robot_description(robot)
-    robot, instances = add_robot(plant, robot, prefix=prefix, X_WB=X_WB, alone=False)
+    robot, instances = add_robot_beside(plant, robot, prefix, X_WB)
     check_described_joints(plant, robot)
     for name, position in robot.rest_posture.items():
         find_joint(plant, name).set_default_positions([position])
@@ -159,9 +159,17 @@ def AddCrarController(
             shapes that can touch and are not watched, pairs that cannot be examined,
             another controller's robot within reach, arguments without effect.
     """
-    parameters = parameters or LookaheadParameters()
-    parameters.validate()
     tasks = check_tasks(tasks)
+    parameters = LookaheadParameters() if parameters is None else parameters
+    for name, given, kind in (
+        ("builder", builder, DiagramBuilder),
+        ("plant", plant, MultibodyPlant),
+        ("scene_graph", scene_graph, SceneGraph),
+        ("parameters", parameters, Parameters),
+    ):
+        if not isinstance(given, kind):
+            raise ModelError(f"{name} cannot be a {type(given).__name__}")
+    parameters.validate()
     if not plant.is_finalized():
         raise ModelError("the plant is not finalized: call plant.Finalize() first")
     part = Part(plant, _instances(plant, model_instance))
@@ -172,7 +180,7 @@ def AddCrarController(
         task_frames={t.frame: border.scoped(t.frame) for t in tasks if t.frame},
     )
     model = border.model(description, tasks, watch)
-    if len(obstacle_speeds) and not isinstance(parameters, LookaheadParameters):
+    if np.size(obstacle_speeds) and not isinstance(parameters, LookaheadParameters):
         border.said.append(
             "obstacle_speeds have no effect: the paper's law takes no notice of "
             "obstacles that move; take LookaheadParameters, or leave them out"
@@ -216,7 +224,7 @@ def connect_controller(
     Args:
         model: of the robot in the plant, its time step included.
         instances: of the robot, if other things in the plant move.
-        others: as of `AddCrarController`.
+        estimated_state, obstacle_speeds, strict: as of `AddCrarController`.
 
     Raises:
         ModelError: the robot's actuation is connected already.
@@ -252,14 +260,23 @@ def connect_controller(
         state = plant.get_state_output_port(*parts[0])
         builder.Connect(torque, ports[0])
     else:
-        state = _state_of(builder, plant, instances)
-        places = np.concatenate([_inputs(plant, *of) for of in parts])
-        order = np.argsort(np.argsort(places))
-        for port in ports:
-            own, order = order[: port.size()], order[port.size() :]
-            picked = builder.AddSystem(MatrixGain(np.eye(len(places))[own]))
-            builder.Connect(torque, picked.get_input_port())
-            builder.Connect(picked.get_output_port(), port)
+        # In the plant's order, which is the control plant's, too.
+        joints = [
+            plant.get_joint(i) for of in parts for i in plant.GetJointIndices(*of)
+        ]
+        joints.sort(key=lambda joint: joint.position_start())
+        picks = plant.MakeStateSelectorMatrix([joint.index() for joint in joints])
+        state = _picked(builder, picks, plant.get_state_output_port())
+        actuators = [
+            plant.get_joint_actuator(i)
+            for of in parts
+            for i in plant.GetJointActuatorIndices(*of)
+        ]
+        actuators.sort(key=lambda actuator: actuator.input_start())
+        every = plant.MakeActuatorSelectorMatrix([each.index() for each in actuators])
+        for of, port in zip(parts, ports, strict=True):
+            own = [plant.GetActuationFromArray(*of, column) for column in every.T]
+            builder.Connect(_picked(builder, np.transpose(own), torque), port)
     builder.Connect(
         estimated_state or state, controller.get_input_port_estimated_state()
     )
@@ -298,31 +315,13 @@ def _instances(
     return list(given)
 
 
-def _inputs(plant: MultibodyPlant, *of: ModelInstanceIndex) -> list[int]:
-    """Where the actuators of an instance are among all."""
-    actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices(*of))
-    return sorted(actuator.input_start() for actuator in actuators)
-
-
-def _state_of(
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    instances: Sequence[ModelInstanceIndex],
+def _picked(
+    builder: DiagramBuilder, matrix: np.ndarray, port: OutputPort
 ) -> OutputPort:
-    """The port of [q; v] of several instances, picked out of the plant's."""
-    q, v = [], []
-    for joint in map(plant.get_joint, plant.GetJointIndices()):
-        if joint.model_instance() in instances:
-            q += range(
-                joint.position_start(), joint.position_start() + joint.num_positions()
-            )
-            v += range(
-                joint.velocity_start(), joint.velocity_start() + joint.num_velocities()
-            )
-    rows = [*sorted(q), *(plant.num_positions() + i for i in sorted(v))]
-    picked = builder.AddSystem(MatrixGain(np.eye(plant.num_multibody_states())[rows]))
-    builder.Connect(plant.get_state_output_port(), picked.get_input_port())
-    return picked.get_output_port()
+    """The port of some entries of another one, which a matrix picks."""
+    gain = builder.AddSystem(MatrixGain(matrix))
+    builder.Connect(port, gain.get_input_port())
+    return gain.get_output_port()
 
 
 def AddStandingController(

@@ -179,7 +179,7 @@ def MakeCrarDiagram(
         add_contact_ground(plant, scene_graph, description, friction, law.floor)
     plant.Finalize()
     if law is None and not scenario.simulated_robot.contact:
-        _leave_out_contact(plant, scene_graph)
+        leave_out_contact(plant, scene_graph)
     plant.SetDefaultPositions(setup.start_positions)
 
     parameters, time_step = scenario.controller, plant.time_step()
@@ -260,7 +260,7 @@ def _lift_limits(plant: MultibodyPlant, simulated: SimulatedRobot) -> None:
         plant.RemoveAllJointActuatorEffortLimits()
 
 
-def _leave_out_contact(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+def leave_out_contact(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
     """Filters every pair of shapes: contact would hide that the law let them touch."""
     frames = [
         plant.GetBodyFrameIdOrThrow(BodyIndex(i)) for i in range(plant.num_bodies())

@@ -160,7 +160,8 @@ def test_names_are_found_plain_or_scoped(plant):
 def test_ambiguous_names_ask_for_their_model(plant):
     for find in (find_frame, find_body, find_joint):
         name = "j0" if find is find_joint else "l0"
-        with pytest.raises(ModelError, match=f"several models; write model::{name}"):
+        these = f"several models; write chain::{name} or chain_1::{name}"
+        with pytest.raises(ModelError, match=these):
             find(plant, name)
 
 

@@ -414,6 +414,7 @@ MISTAKES = [
     (dict(tasks=["tip"]), r"'tip' is no Task; write position_tasks\(\['tip'\]\)"),
     (dict(tasks="tip"), "'tip' is no list of tasks"),
     (dict(tasks=[Task(frame="tpi")]), "tpi.*did you mean 'tip'"),
+    (dict(parameters={"period": 0.01}), "parameters cannot be a dict"),
     (dict(watch="l0"), "watch: 'l' is no pair"),
     (dict(watch=[["l0"]]), r"watch: \['l0'\] is no pair"),
     (dict(watch=[["l0", "lo2"]]), "'lo2'; did you mean"),

@@ -1,12 +1,11 @@
 """`crar-drake serve`: a filter for teleoperation."""
 
 import argparse
-import json
 import math
 import os
-import queue
+import select
 import sys
-import threading
+from contextlib import suppress
 from pathlib import Path
 
 from crar_drake.commands.options import (
@@ -121,15 +120,14 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
+    from crar_drake.interrupts import held_interrupts
     from crar_drake.law.compilation import when_compiling
-    from crar_drake.run import ctrl_c
     from crar_drake.teleoperation.serving import make_server
     from crar_drake.teleoperation.target_stream import Gate
 
     measured = arguments.start == Path(_MEASURED)
     start = None if measured else _read_start(arguments.start)
-    reported = NeverWaiting()
-    with when_compiling(reported.write):
+    with when_compiling(tell_at_once):
         server = make_server(
             arguments.scenario,
             start=start,
@@ -151,12 +149,10 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"{model.description.name}: UDP at {host}:{port}", flush=True)
     before = "the robot to say where it is, then for " if measured else ""
     print(f"waits for {before}targets of {tasks}; Ctrl-C ends it", flush=True)
-    with ctrl_c() as interrupts:
+    with held_interrupts() as interrupts:
         try:
             server.run(
-                arguments.duration,
-                tell=lambda done: reported.write(done.lines()[3]),
-                asked=lambda: interrupts.asked,
+                arguments.duration, tell=tell_at_once, asked=lambda: interrupts.asked
             )
         except KeyboardInterrupt:  # a second one: at once
             print("crar-drake: ended in motion", file=sys.stderr)
@@ -170,40 +166,18 @@ def _read_start(path: Path | None) -> dict[str, float] | None:
     """Joint to position, of --start."""
     if path is None:
         return None
+    from crar_drake.strict_json import MessageError, read_object
+    from crar_drake.teleoperation.messages import joint_positions
+
     try:
-        start = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
+        return joint_positions(read_object(path.read_bytes()))
+    except (OSError, MessageError) as error:
         raise CrarError(f"--start: {path}: {error}") from error
-    numbers = isinstance(start, dict) and all(
-        isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
-        for x in start.values()
-    )
-    if not numbers:
-        raise CrarError(f'--start: {path}: give {{"joint": position, ...}}')
-    return start
 
 
-class NeverWaiting:
-    """Writes lines to stderr, where perhaps nobody reads any more.
-
-    A thread does it, which may wait as long as it likes: meanwhile lines are dropped.
-    """
-
-    def __init__(self) -> None:
-        self._lines: queue.Queue[str] = queue.Queue(maxsize=1)
-        threading.Thread(target=self._run, daemon=True).start()
-
-    def write(self, line: str) -> None:
-        """Hands a line over, or drops it."""
-        try:
-            self._lines.put_nowait(line)
-        except queue.Full:
-            pass
-
-    def _run(self) -> None:
-        try:
-            while True:
-                # Not through sys.stderr, whose lock would be held while this waits.
-                os.write(_STDERR, f"{self._lines.get()}\n".encode())
-        except OSError:  # nobody is there: what comes fills the queue, and is dropped
-            pass
+def tell_at_once(line: str) -> None:
+    """Writes a line to stderr, or drops it where that would wait for a reader."""
+    with suppress(OSError):
+        if select.select([], [_STDERR], [], 0.0)[1]:
+            # Not through sys.stderr, whose lock may be held.
+            os.write(_STDERR, f"{line}\n".encode())

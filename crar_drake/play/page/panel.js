@@ -1,10 +1,6 @@
 // The controls beside the scene, and the words about it.
 
 const FARTHEST = 0.5; // that a slider moves a target [m]; a handle moves it farther
-const PROMISES = {
-  none: "no constraints: nothing is guaranteed",
-  paper: "the paper's constraints: nothing is guaranteed",
-};
 
 // A slider of a quantity, on a logarithmic scale if it cannot be 0.
 function makeSlider(place, { id, name, range, unit, digits = 2, step, onMove }) {
@@ -113,26 +109,6 @@ function makePanel(data, state, ask) {
     element(name).click();
   });
 
-  const spoken = ([obstacle, link]) =>
-    `${obstacle} is near the ${link.replaceAll("_", " ")}`;
-
-  function promise(frame) {
-    const place = element("promise");
-    let [kind, text] = ["open", PROMISES[data.mode]];
-    if (frame.smallest !== null && frame.smallest < 0)
-      [kind, text] = ["broken", `links are inside each other (${data.mode})`];
-    else if (data.mode === "lookahead") {
-      if (frame.holding && frame.clear && !frame.pushed)
-        [kind, text] = ["holds", `lookahead: ${spoken(frame.holding)}, so that it is slow`];
-      else if (frame.pushed) text = "pushed: while a force acts nothing is guaranteed";
-      else if (frame.clear)
-        [kind, text] = ["holds", "lookahead: the way to brake is clear"];
-      else text = "lookahead: on its way back to where the constraints hold";
-    }
-    place.className = kind;
-    place.textContent = text;
-  }
-
   function show(frame) {
     element("time").textContent = `${frame.time.toFixed(2)} s`;
     element("rate").textContent = frame.paused ? "paused"
@@ -155,7 +131,7 @@ function makePanel(data, state, ask) {
       const offset = frame.offsets[Number(element("task").value)];
       axes.forEach((slider, i) => slider.show(offset[i]));
     }
-    promise(frame);
+    [element("promise").className, element("promise").textContent] = frame.promise;
     const rows = frame.near.slice(0, 6).map(([pair, d]) => {
       const row = document.createElement("li");
       const name = document.createElement("span");

@@ -6,6 +6,7 @@ import os
 import select
 import sys
 from contextlib import suppress
+from dataclasses import fields
 from pathlib import Path
 
 from crar_drake.commands.options import (
@@ -15,26 +16,12 @@ from crar_drake.commands.options import (
     positive,
 )
 from crar_drake.errors import CrarError
+from crar_drake.teleoperation.gate import Gate
 
 _SCENARIO = "dance_wrists"
 _PORT = 7670
 _MEASURED = "measured"
 _STDERR = 2  # the descriptor
-
-# As crar_drake.teleoperation.target_stream.Gate has them, which takes long to import; a
-# test compares them.
-GATE = {
-    "speed": ("M/S", 1.5, "targets that are faster are approached at it"),
-    "angular_speed": ("RAD/S", 6.0, "the same of orientations"),
-    "joint_speed": (
-        "RAD/S",
-        3.0,
-        "tasks that are joints count as clamped if they are faster, and pass as they "
-        "are: the robot's own speed limits slow them down",
-    ),
-    "distance": ("M", 1.0, "targets farther from the robot's point are rejected"),
-    "timeout": ("S", 0.25, "without targets for so long the robot brakes"),
-}
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -83,13 +70,13 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         default=_PORT,
         help="of UDP; 0 takes a free one (default: %(default)s)",
     )
-    for name, (unit, default, text) in GATE.items():
+    for bound in fields(Gate):
         parser.add_argument(
-            f"--{name.replace('_', '-')}",
+            f"--{bound.name.replace('_', '-')}",
             type=positive,
-            default=default,
-            metavar=unit,
-            help=f"{text} (default: %(default)g)",
+            default=bound.default,
+            metavar=bound.metadata["unit"],
+            help=f"{bound.metadata['help']} (default: %(default)g)",
         )
     parser.add_argument(
         "--start",
@@ -123,7 +110,6 @@ def run(arguments: argparse.Namespace) -> None:
     from crar_drake.interrupts import held_interrupts
     from crar_drake.law.compilation import when_compiling
     from crar_drake.teleoperation.serving import make_server
-    from crar_drake.teleoperation.target_stream import Gate
 
     measured = arguments.start == Path(_MEASURED)
     start = None if measured else _read_start(arguments.start)
@@ -138,7 +124,9 @@ def run(arguments: argparse.Namespace) -> None:
             experiment=arguments.experiment or "",
             joints=arguments.joints,
             rate=arguments.rate,
-            gate=Gate(**{name: getattr(arguments, name) for name in GATE}),
+            gate=Gate(
+                **{each.name: getattr(arguments, each.name) for each in fields(Gate)}
+            ),
             host=arguments.host,
             port=arguments.port,
         )

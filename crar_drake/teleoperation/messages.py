@@ -239,24 +239,15 @@ class Command:
         Args:
             rejected: why messages of the client were not taken; None: all were.
         """
-        # JSON has no infinity.
-        distance, error = (
-            round(x, 6) if math.isfinite(x) else None
-            for x in (self.distance, self.tracking_error)
-        )
-        said = {
-            "time": round(self.time, 6),
-            "of": self.of,
-            "status": self.status,
-            "admitted": self.admitted,
-            "why": self.why,
-            "rejected": rejected,
-            "driver": self.driver,
-            "distance": distance,
-            "tracking_error": error,
-            "tracking_joint": self.tracking_joint,
-            "positions": self.positions.round(9).tolist(),
-            "velocities": self.velocities.round(9).tolist(),
-            "torques": self.torques.round(6).tolist(),
-        }
+        said = {name: _rounded(value) for name, value in vars(self).items()}
+        said |= {"of": self.of, "rejected": rejected}  # `of` as it came
         return json.dumps(said, separators=(",", ":")).encode() + b"\n"
+
+
+def _rounded(value: object) -> object:
+    """For JSON, which has no infinity and no NaN."""
+    if isinstance(value, np.ndarray):
+        return value.round(9).tolist()
+    if isinstance(value, float):
+        return round(value, 6) if math.isfinite(value) else None
+    return value

@@ -13,7 +13,7 @@ import select
 import socket
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -23,9 +23,9 @@ from crar_drake.addresses import cannot_listen, check_address, family_of
 from crar_drake.strict_json import MessageError
 from crar_drake.teleoperation.filtered_motion import FilteredMotion
 from crar_drake.teleoperation.followed_robot import FollowedRobot
+from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.heard_obstacles import HeardObstacles
 from crar_drake.teleoperation.inbox import Inbox
-from crar_drake.teleoperation.latencies import Latencies
 from crar_drake.teleoperation.messages import (
     LONGEST,
     Command,
@@ -44,7 +44,6 @@ from crar_drake.teleoperation.target_stream import (
     LATE,
     PASSED,
     REJECTED,
-    Gate,
     TargetStream,
 )
 
@@ -53,6 +52,7 @@ _MOST_AT_ONCE = 1024
 # Clients that get commands; another one takes the place of who was silent longest.
 _MOST_CLIENTS = 8
 _CLIENT_TIMEOUT = 5.0  # [s] of silence
+_MOST_TIMES = 200_000  # that statistics are made of, the last ones
 _MOST_REASONS = 4  # why messages of a client were not taken, in a command
 # A robot that got no command for so long is taken to have stopped [s].
 _STALL = 0.1
@@ -93,9 +93,10 @@ class Statistics:
     stopped: int = 0
     largest_error: float = 0.0  # of joints from what they were told [rad or m]
     smallest_distance: float = np.inf  # of a watched pair [m]
-    # from a target's arrival to the first command that knows it
-    latency: Latencies = field(default_factory=Latencies)
-    step_time: Latencies = field(default_factory=Latencies)  # of the control steps
+    # from a target's arrival to the first command that knows it [s]
+    latency: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST_TIMES))
+    # of the control steps [s]
+    step_time: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST_TIMES))
     last_error: str = ""  # why the last message that was not taken was not
 
     def lines(self) -> list[str]:
@@ -104,14 +105,11 @@ class Statistics:
         def counted(counter: Counter) -> str:
             return ", ".join(f"{n} {what}" for what, n in counter.items()) or "none"
 
-        def times(latencies: Latencies) -> str:
-            if not latencies.count:
+        def times(last: deque[float]) -> str:
+            if not last:
                 return "none"
-            p50, p99 = latencies.percentile(50), latencies.percentile(99)
-            return (
-                f"p50 {1e3 * p50:.2f} ms, p99 {1e3 * p99:.2f} ms, "
-                f"longest {1e3 * latencies.longest:.2f} ms"
-            )
+            p50, p99, longest = 1e3 * np.percentile(last, (50, 99, 100))
+            return f"p50 {p50:.2f} ms, p99 {p99:.2f} ms, longest {longest:.2f} ms"
 
         lines = [
             f"messages: {counted(self.messages)}",
@@ -309,7 +307,7 @@ class TeleoperationServer:
             desired[:] = np.nan  # to brake
         moved = self.motion.move(desired, self.obstacles.at(now))
         self.robot.tell(now + self.period, self.motion.q)
-        statistics.step_time.add(time.monotonic() - began)
+        statistics.step_time.append(time.monotonic() - began)
         command = Command(
             time=now - self._start,
             of=self._of,
@@ -326,8 +324,7 @@ class TeleoperationServer:
         )
         self._send(command, now)
         sent = time.monotonic()
-        for arrived in self._arrived:
-            statistics.latency.add(sent - arrived)
+        statistics.latency += (sent - arrived for arrived in self._arrived)
         self._arrived.clear()
         statistics.steps[moved.status] += 1
         statistics.held_back += moved.admitted != "nominal"

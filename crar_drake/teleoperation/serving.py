@@ -19,9 +19,9 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.standing import standing_description
 from crar_drake.simulation.scenario import Scenario, load_scenario
 from crar_drake.teleoperation.filtered_motion import FilteredMotion
+from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer, listen
-from crar_drake.teleoperation.target_stream import Gate
 
 
 def make_server(

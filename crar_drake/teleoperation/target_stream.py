@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crar_drake.law.tasks import TaskLayout
+from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.messages import PARTS, TargetMessage
 
 # The velocity of a target is not believed for longer than this after it came [s].
@@ -16,23 +17,6 @@ _SHORTEST = 1e-3
 
 PASSED, CLAMPED, REJECTED, LATE = "passed", "clamped", "rejected", "late"
 VERDICTS = (PASSED, CLAMPED, REJECTED, LATE)
-
-
-@dataclass(frozen=True)
-class Gate:
-    """What a target may be."""
-
-    speed: float = 1.5  # that targets are approached at, at most [m/s]
-    angular_speed: float = 6.0  # the same of orientations [rad/s]
-    # faster targets of tasks that are joints count as clamped, and are taken to be at
-    # rest where they are. How fast joints go is bounded by the robot's own speed limits
-    # alone [rad/s or m/s].
-    joint_speed: float = 3.0
-    # targets that are farther than this from where the robot's point is are rejected,
-    # but for joints [m]
-    distance: float = 1.0
-    # without a new target for so long the targets are lost: the robot brakes [s]
-    timeout: float = 0.25
 
 
 @dataclass

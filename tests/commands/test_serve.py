@@ -17,11 +17,10 @@ import numpy as np
 import pytest
 
 from crar_drake.commands import main, serve
-from crar_drake.commands.serve import GATE, tell_at_once
+from crar_drake.commands.serve import tell_at_once
 from crar_drake.errors import CrarError
 from crar_drake.law.compilation import COMPILING
 from crar_drake.teleoperation.serving import make_server
-from crar_drake.teleoperation.target_stream import Gate
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "teleoperate.py"
 
@@ -207,10 +206,6 @@ def test_it_says_that_it_compiles(monkeypatch, capfd):
     monkeypatch.setattr("crar_drake.teleoperation.serving.make_server", make)
     assert main(["serve"]) == 2
     assert COMPILING in capfd.readouterr().err
-
-
-def test_the_defaults_are_those_of_the_gate():
-    assert Gate(**{name: default for name, (_, default, _) in GATE.items()}) == Gate()
 
 
 def test_a_start_posture_that_is_none(tmp_path, capsys):

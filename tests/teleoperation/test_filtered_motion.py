@@ -10,11 +10,11 @@ from crar_drake.errors import ScenarioError
 from crar_drake.law.obstacles import Obstacles
 from crar_drake.strict_json import MessageError
 from crar_drake.teleoperation import server as module
+from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.heard_obstacles import MOST, HeardObstacles
 from crar_drake.teleoperation.messages import Heard, ObstacleMessage
 from crar_drake.teleoperation.server import TeleoperationServer
 from crar_drake.teleoperation.serving import make_server
-from crar_drake.teleoperation.target_stream import Gate
 
 
 class Loop:

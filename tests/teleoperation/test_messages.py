@@ -147,6 +147,9 @@ def test_a_command_as_a_line():
     assert line.endswith(b"}\n") and line.count(b"\n") == 1
     said = json.loads(line)
     assert said["positions"] == [0.1, -2.0] and said["torques"] == [0.1]
+    stamped = replace(command, of=1 / 3).to_line("late")
+    assert json.loads(stamped)["of"] == 1 / 3, "a client looks for it"
+    assert (said["rejected"], json.loads(stamped)["rejected"]) == (None, "late")
     nothing_watched = replace(command, distance=float("inf")).to_line()
     assert json.loads(nothing_watched)["distance"] is None
     assert (said["of"], said["status"], said["admitted"]) == (None, "braking", "scaled")

@@ -15,13 +15,13 @@ import pytest
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.law.parameters import PaperParameters
 from crar_drake.teleoperation import server as module
+from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.heard_obstacles import HeardObstacles
 from crar_drake.teleoperation.inbox import BYTES, LINES, Inbox
 from crar_drake.teleoperation.messages import LONGEST
 from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer
 from crar_drake.teleoperation.serving import make_server
-from crar_drake.teleoperation.target_stream import Gate
 
 WAIT = 120.0  # [s] for an answer, which may have to be compiled on a busy computer
 
@@ -83,7 +83,7 @@ def test_targets_are_followed_and_lost_ones_brake(server, client, monkeypatch):
     assert set(statuses[lost + 1 :]) == {"braking"}
     assert np.abs(server.motion.v).max() < 1e-3
     np.testing.assert_array_equal(answer["positions"], server.motion.q.round(9))
-    assert server.statistics.latency.count == 150
+    assert len(server.statistics.latency) == 150
 
 
 def test_obstacles_are_kept_off_until_they_are_taken_away(server, client, monkeypatch):

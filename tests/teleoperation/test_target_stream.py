@@ -5,8 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crar_drake.law.tasks import TaskLayout
+from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.messages import TargetMessage
-from crar_drake.teleoperation.target_stream import Gate, RateLimiter, TargetStream
+from crar_drake.teleoperation.target_stream import RateLimiter, TargetStream
 
 LAYOUT = TaskLayout(("wrist", "hand"), ("position", "pose"))
 GATE = Gate(speed=1.0, angular_speed=2.0, distance=0.5, timeout=0.2)

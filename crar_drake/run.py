@@ -2,11 +2,8 @@
 
 import math
 import os
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,6 +14,7 @@ from pydrake.systems.primitives import VectorLogSink
 
 from crar_drake.errors import CrarError, ScenarioError, WriteError
 from crar_drake.files import check_file, turn_to_write, whole_file, write_whole
+from crar_drake.interrupts import Interrupts, held_interrupts
 from crar_drake.law.compilation import when_compiling
 from crar_drake.motion.report import inspect
 from crar_drake.resources import install_command
@@ -124,8 +122,8 @@ def run_scenario(
 
     A run that is stopped midway, by Ctrl-C or by an error, leaves the files of what
     was simulated till then, if that is at least one sample, and its summary says
-    why it stopped. While the files are written, another Ctrl-C leaves it at those
-    that are there.
+    why it stopped. Another Ctrl-C leaves it at those that are there, but the log is
+    written in any case.
 
     Args:
         scenario: from `load_scenario`, or made in Python.
@@ -174,7 +172,7 @@ def run_scenario(
         )
     report = inspect(p) if (p := setup.motion.performer) is not None else None
     warnings = run_warnings(scenario, setup, report, recorded=record)
-    with ctrl_c() as interrupts:
+    with held_interrupts() as interrupts:
         start, stopped = time.perf_counter(), None
         try:
             _simulate(simulator, duration, progress, interrupts)
@@ -183,6 +181,7 @@ def run_scenario(
                 raise
             stopped = error
         wall_time = time.perf_counter() - start
+        interrupts.hold()  # until the log is written
         # Its robot named as in the log, for the figures to say the same.
         logged = with_lasting_name(scenario)
         log = make_log(logged, setup, diagram, simulator.get_context())
@@ -211,9 +210,10 @@ def run_scenario(
         )
         result = RunResult(log, summary, setup)
         if out is None:
+            interrupts.release()
             return result
         missing = write_run(out, result, logged, record, interrupts)
-    _tell(result, out, duration, stopped, missing)
+    tell_end(result, out, stopped, missing, f" of {duration:g} s")
     return result
 
 
@@ -396,67 +396,6 @@ def with_lasting_name(scenario: Scenario) -> Scenario:
     return replace(scenario, robot=lasting_name(scenario.robot))
 
 
-class Interrupts:
-    """What Ctrl-C does to a run.
-
-    While `hold`, the first is kept in `asked`, to be looked at between two slices:
-    Drake is in the middle of a step, whose samples would not fit together. A second
-    one does not wait, for a step that never ends. Afterwards, while files are
-    written, the first ends that, and further ones do not disturb its tidying up.
-    """
-
-    def __init__(self) -> None:
-        self.asked = False
-        self._raised = False
-        self._hold = True
-
-    @property
-    def hold(self) -> bool:
-        return self._hold
-
-    @hold.setter
-    def hold(self, hold: bool) -> None:
-        self._hold, self._raised = hold, False
-
-    def ignore(self) -> None:
-        """Lets none disturb, until `hold` is set."""
-        self._hold, self._raised = False, True
-
-    def handle(self, *_: object) -> None:
-        if self._hold and not self.asked:
-            self.asked = True
-        elif not self._raised:
-            self._raised = True
-            raise KeyboardInterrupt
-
-
-# What asks a process to end: Ctrl-C, `kill`, and a terminal that goes away.
-ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
-@contextmanager
-def ctrl_c() -> Iterator[Interrupts]:
-    """Handles those of ENDS that would raise KeyboardInterrupt, while the block lasts.
-
-    In other threads signals cannot be handled, and an ignored one or a handler of the
-    caller's stays.
-    """
-    interrupts = Interrupts()
-    ours = [
-        number
-        for number in ENDS
-        if threading.current_thread() is threading.main_thread()
-        and signal.getsignal(number) is signal.default_int_handler
-    ]
-    for number in ours:
-        signal.signal(number, interrupts.handle)
-    try:
-        yield interrupts
-    finally:
-        for number in ours:
-            signal.signal(number, signal.default_int_handler)
-
-
 def _simulate(
     simulator: Simulator,
     duration: float,
@@ -517,7 +456,6 @@ def write_run(
         others[RECORDING] = write_recording
     missing: list[BaseException] = []
     try:
-        interrupts.hold = False
         with turn_to_write(out):
             with whole_file(out / LOG) as temporary:
                 with temporary.open("wb") as stream:
@@ -526,6 +464,7 @@ def write_run(
                 for name in (RECORDING, SUMMARY, PLOT):
                     (out / name).unlink(missing_ok=True)
             result.files.append(out / LOG)
+            interrupts.release()
             for name, write in others.items():
                 try:
                     write(out / name)
@@ -549,20 +488,26 @@ def reason_of(stopped: BaseException | None) -> str:
     return f"{name}{stopped}"
 
 
-def _tell(
+def tell_end(
     result: RunResult,
     out: Path,
-    duration: float,
     stopped: BaseException | None,
     missing: list[BaseException],
+    duration: str = "",
 ) -> None:
-    """Raises what is to be said of a run that is not whole; else nothing."""
+    """Raises what is to be said of a run that is not whole; else nothing.
+
+    Args:
+        stopped: what ended it before its time, if anything did.
+        missing: why files were not written, of `write_run`.
+        duration: that it was to have, in words.
+    """
     if stopped is None and not missing:
         return
     parts = []
     interrupted = isinstance(stopped, KeyboardInterrupt)
     if stopped is not None:
-        reached = f"at {result.log.time[-1]:.3f} s of {duration:g} s"
+        reached = f"at {result.log.time[-1]:.3f} s{duration}"
         parts.append(reached if interrupted else f"{reason_of(stopped)} ({reached})")
     for error in missing:
         if isinstance(error, WriteError):

@@ -59,7 +59,7 @@ def main() -> None:
         q = q + (1.0 - math.exp((before - now) / options.lag)) * (told - q)
         error, before = max(error, np.abs(told - q).max()), now
         positions.append(q)
-        measured = {"measured": {names[i]: float(q[i]) for i in controlled}}
+        measured = {"measured": dict(zip(names, q.tolist(), strict=True))}
         said.append((now + options.late, json.dumps(measured).encode()))
         while said and said[0][0] <= now:
             _, line = said.popleft()

@@ -7,11 +7,8 @@ mistyped options answer at once.
 
 import argparse
 import os
-import signal
 import sys
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 from crar_drake.commands import (
     clean,
@@ -28,9 +25,10 @@ from crar_drake.commands import (
     serve,
 )
 from crar_drake.commands.options import Parser
-from crar_drake.commands.output import tell_failure
+from crar_drake.commands.output import drop_output, lasting_output, tell_failure
 from crar_drake.drake_warnings import collected_warnings
 from crar_drake.errors import CrarError, nearest
+from crar_drake.interrupts import all_as_ctrl_c
 from crar_drake.version import __version__
 
 # In the order of the help.
@@ -80,47 +78,17 @@ def answer(parser: Parser, argv: Sequence[str] | None = None) -> int:
     """
     # Nothing here opens a window. A backend that is not there would fail importing.
     os.environ["MPLBACKEND"] = "agg"
-    code = 0
-    try:
-        arguments = parse(parser, argv)
-        with _all_ends_as_ctrl_c(), collected_warnings(verbose=arguments.verbose):
-            code = arguments.command(arguments) or 0
-        sys.stdout.flush()
-    except BrokenPipeError:  # of `crar-drake list | head`
-        _drop_output()
-    except (CrarError, KeyboardInterrupt, OSError) as error:
-        code = tell_failure(error)
-        if isinstance(error, OSError):  # a full disk, a file that may not be read
-            _drop_output()
+    with lasting_output():
+        try:
+            arguments = parse(parser, argv)
+            with all_as_ctrl_c(), collected_warnings(verbose=arguments.verbose):
+                code = arguments.command(arguments) or 0
+            sys.stdout.flush()
+        except (CrarError, KeyboardInterrupt, OSError) as error:
+            code = tell_failure(error)
+            if isinstance(error, OSError):  # a full disk, a file that may not be read
+                drop_output(sys.stdout)
     return code
-
-
-@contextmanager
-def _all_ends_as_ctrl_c() -> Iterator[None]:
-    """SIGTERM and SIGHUP raise KeyboardInterrupt, too, unless they are ignored: whoever
-    asks a command to end, what it did till then is kept."""
-    ours = []
-    if threading.current_thread() is threading.main_thread():
-        ours = [
-            number
-            for number in (signal.SIGTERM, signal.SIGHUP)
-            if signal.getsignal(number) is signal.SIG_DFL
-        ]
-    for number in ours:
-        signal.signal(number, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        for number in ours:
-            signal.signal(number, signal.SIG_DFL)
-
-
-def _drop_output() -> None:
-    """Python flushes stdout once more when it exits, where a failure is not caught."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def parse(parser: Parser, argv: Sequence[str] | None) -> argparse.Namespace:

@@ -1,14 +1,21 @@
-"""Where commands write by default, and how they end."""
+"""Where commands write by default, what they say, and how they end."""
 
+from __future__ import annotations
+
+import errno
 import hashlib
 import os
 import sys
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
 
 from crar_drake.errors import CrarError, plural, printable
+
+if TYPE_CHECKING:
+    from crar_drake.run import RunResult
 
 OUT = Path("out")
 
@@ -67,6 +74,19 @@ def tell_failure(error: BaseException) -> int:
     return 2
 
 
+def tell_run(result: RunResult, verbose: bool = False) -> None:
+    """Prints the figures, the warnings and the files of a run."""
+    from rich.console import Console
+
+    from crar_drake.results.summary_table import summary_table
+
+    Console().print(summary_table(result.summary, verbose))
+    for line in result.summary.warnings:
+        print(f"warning: {line}")
+    for path in result.files:
+        print(path)
+
+
 # What is counted of contacts with obstacles that move.
 FAST = "with an obstacle while the link was fast"
 
@@ -103,3 +123,55 @@ def continuing(out: Path) -> Iterator[None]:
             file=sys.stderr,
         )
         raise
+
+
+class LastingStream:
+    """A stream whose reader may go away, as `| head` does, or a terminal: what is
+    written then is dropped. A full disk is an error as ever."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """As of the stream."""
+        return self._unless_gone(self._stream.write, text) or len(text)
+
+    def flush(self) -> None:
+        """As of the stream."""
+        self._unless_gone(self._stream.flush)
+
+    def _unless_gone(self, do: Callable, *arguments: str) -> Any:
+        try:
+            return do(*arguments)
+        except OSError as error:
+            if error.errno not in (errno.EPIPE, errno.EIO):
+                raise
+            drop_output(self._stream)
+
+
+def drop_output(stream: TextIO) -> None:
+    """Lets what a stream still holds, and all that is written to it, go nowhere, if it
+    cannot be written: Python flushes it when it exits, where no failure is caught."""
+    try:
+        stream.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+@contextmanager
+def lasting_output() -> Iterator[None]:
+    """Lets the block, whose work is worth more than its words, come to its end where
+    nobody reads stdout or stderr any more, or they were closed from the first."""
+    # Else the first files that are opened get their numbers, and what is said.
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(number)
+    before = [each or open(os.devnull, "w") for each in (sys.stdout, sys.stderr)]
+    sys.stdout, sys.stderr = map(LastingStream, before)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before

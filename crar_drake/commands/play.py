@@ -16,12 +16,10 @@ from crar_drake.commands.options import (
     override_motion,
     positive,
 )
-from crar_drake.commands.output import OUT, label, tell_failure
-from crar_drake.errors import CrarError
+from crar_drake.commands.output import OUT, label, tell_failure, tell_run
 
 if TYPE_CHECKING:
     from crar_drake.play.session import PlaySession
-    from crar_drake.run import Interrupts
     from crar_drake.simulation.scenario import Scenario
 
 _PORT = 7680
@@ -79,8 +77,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--save",
         type=Path,
         metavar="FOLDER",
-        help="keep recording.html, log.npz, summary.json and plot.png there, unasked "
-        "(default: out/NAME_play, asked for on a terminal)",
+        help="folder for recording.html, log.npz, summary.json and plot.png "
+        "(default: out/NAME_play)",
     )
     parser.add_argument(
         "--duration", type=positive, metavar="S", help="end after S simulated seconds"
@@ -95,12 +93,12 @@ def run(arguments: argparse.Namespace) -> None:
     out = arguments.save or OUT / name.with_name(f"{name.name}_play")
 
     from crar_drake.files import check_file
+    from crar_drake.interrupts import held_interrupts
     from crar_drake.play.session import PlaySession
     from crar_drake.results import LOG
-    from crar_drake.run import ctrl_c
+    from crar_drake.run import RunFailed, RunInterrupted
 
-    if arguments.save:
-        check_file(out / LOG)
+    check_file(out / LOG)
     session = PlaySession(
         scenario,
         host=arguments.host,
@@ -108,26 +106,26 @@ def run(arguments: argparse.Namespace) -> None:
         speed=arguments.speed,
         tell=lambda text: print(text, file=sys.stderr),
     )
-    with ctrl_c() as interrupts:
-        try:
+    try:
+        with held_interrupts() as interrupts:
             print(f"{session.url}  (Ctrl-C ends it)", flush=True)
             if not arguments.no_browser:
                 _open(session.url)
-            try:
-                session.run(interrupts, arguments.duration)
-            except KeyboardInterrupt:  # a second one, which does not wait for a step
-                pass
-            interrupts.ignore()
-            _finish(session, out, arguments, interrupts)
-        except BaseException as error:
-            session.end("the simulation has ended")
-            _close(session, error)
-            raise
+            session.run(interrupts, arguments.duration)
+            result = session.save(out, interrupts)
+        tell_run(result)
+    except BaseException as error:
+        if isinstance(error, RunFailed | RunInterrupted):
+            tell_run(error.result)
+        _close(session, error)
+        raise
     _close(session)
 
 
 def _close(session: PlaySession, error: BaseException | None = None) -> None:
     """Ends Meshcat; and the process here, where it could not end as usual."""
+    live, pacer = session.live, session.pacer
+    print(f"{live.time:.1f} s simulated, {pacer.behind:.1f} s behind the clock")
     if session.close():
         return
     code = 0 if error is None else tell_failure(error)
@@ -149,77 +147,3 @@ def _open(url: str) -> None:
 
     if not webbrowser.open(url):
         print("no browser could be opened: open the address by hand", file=sys.stderr)
-
-
-def _finish(
-    session: PlaySession,
-    out: Path,
-    arguments: argparse.Namespace,
-    interrupts: Interrupts,
-) -> None:
-    """Keeps what was recorded, and says so on the page and on the terminal."""
-    from rich.console import Console
-
-    from crar_drake.play.saving import save_session
-    from crar_drake.results.summary_table import summary_table
-
-    live, wanted, record = session.live, True, True
-    interrupts.hold = False
-    try:
-        asks = arguments.save is None and sys.stdin.isatty()
-        _tell_end(session, out, asks)
-        wanted = _ask(out) if asks else True
-    except KeyboardInterrupt:  # in a hurry, but nothing is lost
-        print()
-        record = False
-    interrupts.ignore()  # until files are written
-    session.end()  # if that was what it disturbed
-    if not wanted:
-        print("nothing is kept")
-        return
-    result, missing = save_session(
-        live, out, interrupts, record=record, failure=session.failure
-    )
-    Console().print(summary_table(result.summary))
-    for path in result.files:
-        print(path)
-    if not record or any(isinstance(why, KeyboardInterrupt) for why in missing):
-        raise KeyboardInterrupt(_kept(result.files, out))
-    if missing:
-        raise missing[0]
-    if session.failure is not None:
-        raise CrarError(
-            f"the simulation stopped at {live.time:.3f} s: {session.failure}; {out} "
-            "holds what was simulated till then"
-        )
-
-
-def _tell_end(session: PlaySession, out: Path, asks: bool) -> None:
-    live, pacer = session.live, session.pacer
-    where = "the terminal asks whether to keep it" if asks else f"it is kept in {out}"
-    session.end(f"ended after {live.time:.1f} s; {where}")
-    print(
-        f"{live.time:.1f} s simulated, {pacer.behind:.1f} s behind the clock; "
-        f"{live.reported()}"
-    )
-    if session.failure is not None:
-        print(f"stopped: {session.failure}", file=sys.stderr)
-
-
-def _ask(out: Path) -> bool:
-    """Whether to keep anything."""
-    try:
-        answer = input(f"keep the recording in {out}? [Y/n] ")
-    except EOFError:
-        return True
-    return answer.strip().lower() not in ("n", "no")
-
-
-def _kept(files: list[Path], out: Path) -> str:
-    names = [path.name for path in files]
-    if "log.npz" not in names:
-        return f"nothing was written to {out}"
-    reported = f"{out} holds {', '.join(names)}"
-    if "recording.html" not in names:
-        reported += f"; crar-drake playback {out / 'log.npz'} makes a page"
-    return reported

@@ -24,7 +24,14 @@ from crar_drake.commands.options import (
     override_motion,
     positive,
 )
-from crar_drake.commands.output import FAST, OUT, counted, final_line, label
+from crar_drake.commands.output import (
+    FAST,
+    OUT,
+    counted,
+    final_line,
+    label,
+    tell_run,
+)
 from crar_drake.errors import ScenarioError
 
 _EXPORT_RATE = 50.0  # [Hz], at which policies usually act
@@ -91,17 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = arguments.out or OUT / _out_name(scenario, arguments)
     export = _export_target(arguments, out)
 
-    from rich.console import Console
-
-    from crar_drake.results.summary_table import summary_table
     from crar_drake.run import RunFailed, RunInterrupted, run_scenario
-
-    def show(result: RunResult) -> None:
-        Console().print(summary_table(result.summary, arguments.verbose))
-        for line in result.summary.warnings:
-            print(f"warning: {line}")
-        for path in result.files:
-            print(path)
 
     def show_bad(result: RunResult) -> None:
         for line in result.summary.remarks:
@@ -117,10 +114,10 @@ def run(arguments: argparse.Namespace) -> int:
                 tell=lambda line: print(line, file=sys.stderr),
             )
     except (RunFailed, RunInterrupted) as stopped:
-        show(stopped.result)
+        tell_run(stopped.result, arguments.verbose)
         show_bad(stopped.result)
         raise
-    show(result)
+    tell_run(result, arguments.verbose)
     _show_more(arguments, scenario, result, out, export)
     show_bad(result)
     summary = result.summary

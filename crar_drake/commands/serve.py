@@ -1,12 +1,12 @@
 """`crar-drake serve`: a filter for teleoperation."""
 
 import argparse
-import json
 import math
 import os
-import queue
+import select
 import sys
-import threading
+from contextlib import suppress
+from dataclasses import fields
 from pathlib import Path
 
 from crar_drake.commands.options import (
@@ -16,26 +16,12 @@ from crar_drake.commands.options import (
     positive,
 )
 from crar_drake.errors import CrarError
+from crar_drake.teleoperation.gate import Gate
 
 _SCENARIO = "dance_wrists"
 _PORT = 7670
 _MEASURED = "measured"
 _STDERR = 2  # the descriptor
-
-# As crar_drake.teleoperation.target_stream.Gate has them, which takes long to import; a
-# test compares them.
-GATE = {
-    "speed": ("M/S", 1.5, "targets that are faster are approached at it"),
-    "angular_speed": ("RAD/S", 6.0, "the same of orientations"),
-    "joint_speed": (
-        "RAD/S",
-        3.0,
-        "tasks that are joints count as clamped if they are faster, and pass as they "
-        "are: the robot's own speed limits slow them down",
-    ),
-    "distance": ("M", 1.0, "targets farther from the robot's point are rejected"),
-    "timeout": ("S", 0.25, "without targets for so long the robot brakes"),
-}
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -84,13 +70,13 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         default=_PORT,
         help="of UDP; 0 takes a free one (default: %(default)s)",
     )
-    for name, (unit, default, text) in GATE.items():
+    for bound in fields(Gate):
         parser.add_argument(
-            f"--{name.replace('_', '-')}",
+            f"--{bound.name.replace('_', '-')}",
             type=positive,
-            default=default,
-            metavar=unit,
-            help=f"{text} (default: %(default)g)",
+            default=bound.default,
+            metavar=bound.metadata["unit"],
+            help=f"{bound.metadata['help']} (default: %(default)g)",
         )
     parser.add_argument(
         "--start",
@@ -121,15 +107,13 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
+    from crar_drake.interrupts import held_interrupts
     from crar_drake.law.compilation import when_compiling
-    from crar_drake.run import ctrl_c
     from crar_drake.teleoperation.serving import make_server
-    from crar_drake.teleoperation.target_stream import Gate
 
     measured = arguments.start == Path(_MEASURED)
     start = None if measured else _read_start(arguments.start)
-    reported = NeverWaiting()
-    with when_compiling(reported.write):
+    with when_compiling(tell_at_once):
         server = make_server(
             arguments.scenario,
             start=start,
@@ -140,7 +124,9 @@ def run(arguments: argparse.Namespace) -> None:
             experiment=arguments.experiment or "",
             joints=arguments.joints,
             rate=arguments.rate,
-            gate=Gate(**{name: getattr(arguments, name) for name in GATE}),
+            gate=Gate(
+                **{each.name: getattr(arguments, each.name) for each in fields(Gate)}
+            ),
             host=arguments.host,
             port=arguments.port,
         )
@@ -151,12 +137,10 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"{model.description.name}: UDP at {host}:{port}", flush=True)
     before = "the robot to say where it is, then for " if measured else ""
     print(f"waits for {before}targets of {tasks}; Ctrl-C ends it", flush=True)
-    with ctrl_c() as interrupts:
+    with held_interrupts() as interrupts:
         try:
             server.run(
-                arguments.duration,
-                tell=lambda done: reported.write(done.lines()[3]),
-                asked=lambda: interrupts.asked,
+                arguments.duration, tell=tell_at_once, asked=lambda: interrupts.asked
             )
         except KeyboardInterrupt:  # a second one: at once
             print("crar-drake: ended in motion", file=sys.stderr)
@@ -170,40 +154,18 @@ def _read_start(path: Path | None) -> dict[str, float] | None:
     """Joint to position, of --start."""
     if path is None:
         return None
+    from crar_drake.strict_json import MessageError, read_object
+    from crar_drake.teleoperation.messages import joint_positions
+
     try:
-        start = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
+        return joint_positions(read_object(path.read_bytes()))
+    except (OSError, MessageError) as error:
         raise CrarError(f"--start: {path}: {error}") from error
-    numbers = isinstance(start, dict) and all(
-        isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
-        for x in start.values()
-    )
-    if not numbers:
-        raise CrarError(f'--start: {path}: give {{"joint": position, ...}}')
-    return start
 
 
-class NeverWaiting:
-    """Writes lines to stderr, where perhaps nobody reads any more.
-
-    A thread does it, which may wait as long as it likes: meanwhile lines are dropped.
-    """
-
-    def __init__(self) -> None:
-        self._lines: queue.Queue[str] = queue.Queue(maxsize=1)
-        threading.Thread(target=self._run, daemon=True).start()
-
-    def write(self, line: str) -> None:
-        """Hands a line over, or drops it."""
-        try:
-            self._lines.put_nowait(line)
-        except queue.Full:
-            pass
-
-    def _run(self) -> None:
-        try:
-            while True:
-                # Not through sys.stderr, whose lock would be held while this waits.
-                os.write(_STDERR, f"{self._lines.get()}\n".encode())
-        except OSError:  # nobody is there: what comes fills the queue, and is dropped
-            pass
+def tell_at_once(line: str) -> None:
+    """Writes a line to stderr, or drops it where that would wait for a reader."""
+    with suppress(OSError):
+        if select.select([], [_STDERR], [], 0.0)[1]:
+            # Not through sys.stderr, whose lock may be held.
+            os.write(_STDERR, f"{line}\n".encode())

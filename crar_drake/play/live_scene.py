@@ -20,6 +20,7 @@ from crar_drake.law.step import CORRECTED, SCALED
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import Pacer
 from crar_drake.results.marks import NEARNESS_STEPS
+from crar_drake.results.recorded_page import spoken
 from crar_drake.results.recorded_run import DrawnRobot, poses_of
 from crar_drake.robot.description import GROUND
 from crar_drake.simulation.visuals import set_surroundings
@@ -30,6 +31,10 @@ NEAR_PAIRS = 8  # of which at most the page shows how near they are
 _STATUS = dict.fromkeys((STATUS_BRAKING, STATUS_IMPLAUSIBLE), "braking")
 _STATUS[STATUS_BLENDING] = "blending in"
 _ADMITTED = {CORRECTED: "corrected", SCALED: "slowed down"}
+_PROMISES = {
+    "none": "no constraints: nothing is guaranteed",
+    "paper": "the paper's constraints: nothing is guaranteed",
+}
 
 
 class LiveScene:
@@ -95,7 +100,6 @@ class LiveScene:
             "phase": _short(live.phase, 2),
             "offsets": _rows(live.offsets),
             "ball": None if live.ball is None else [_short(x, 4) for x in live.ball],
-            "holding": live.holding_back(),
             "poses": [_short(x, 5) for x in poses.ravel()],
             "targets": _rows(targets),
             "reached": _rows(reached),
@@ -106,12 +110,35 @@ class LiveScene:
             "smallest": _short(distances.min(initial=math.inf), 5),
             "status": _STATUS.get(float(parts["status"][0]), "tracking"),
             "admitted": _ADMITTED.get(float(admission[0]), "nominal"),
-            # Whether the robot could brake on a clear path now; None: nobody says.
-            "clear": bool(admission[3]) if np.isfinite(admission[3]) else None,
-            "pushed": live.pushed,
+            "promise": self._promise(distances.min(initial=math.inf), admission[3]),
             "notice": notice,
             "changes": len(live.events),
         }
+
+    def _promise(self, smallest: float, clear: float) -> tuple[str, str]:
+        """What is guaranteed: the kind, a class of the page's style, and words.
+
+        Args:
+            smallest: distance of a pair [m].
+            clear: 1 if pairs and obstacles let the robot brake on a clear path.
+        """
+        live, mode = self._live, self._live.mode
+        if smallest < 0.0:
+            return "broken", f"links are inside each other ({mode})"
+        if (found := live.beyond()) is not None:
+            joint, far = found
+            return "broken", f"{spoken(joint)} is {far:.2g} beyond its limit ({mode})"
+        if mode != "lookahead":
+            return "open", _PROMISES[mode]
+        if live.pushed:
+            return "open", "pushed: while a force acts nothing is guaranteed"
+        if clear != 1.0:
+            return "open", "lookahead: on its way back to where the constraints hold"
+        if (found := live.holding_back()) is not None:
+            obstacle, link = found
+            near = f"{obstacle} is near the {spoken(link)}"
+            return "holds", f"lookahead: {near}, so that it is slow"
+        return "holds", "lookahead: the way to brake is clear"
 
     def _near(self, distances: np.ndarray) -> list[list[float]]:
         """Of the nearest pairs: number, distance [m], a point on either link [m]."""

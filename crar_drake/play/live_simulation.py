@@ -1,7 +1,7 @@
 """A scenario's simulation that goes on step by step, moved by hand in between."""
 
 from collections import deque
-from collections.abc import Callable
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
 
@@ -19,6 +19,7 @@ from crar_drake.play.live_sources import LiveSource, make_live
 from crar_drake.play.motion_clock import MotionClock, to_and_fro
 from crar_drake.play.recorder import Recorder
 from crar_drake.results.log import SimulationLog
+from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import Push, ScaleMasses, applied_force
 from crar_drake.simulation.moving_obstacles import MovingObstacle, ObstacleSource, Place
@@ -84,15 +85,19 @@ class LiveSimulation:
         setup = PrepareScenario(scenario)
         self.model, self.duration = setup.model, setup.motion.duration
         self._scheduled = list(scenario.disturbances.pushes)
-        parameters = scenario.controller
+        parameters, simulated = scenario.controller, scenario.simulated_robot
         balls = []
         if isinstance(parameters, LookaheadParameters):
+            # Only pushes lead beyond limits, and from there perhaps no way back.
+            simulated = replace(simulated, position_limits=True)
             among = parameters.among_obstacles()
-            if accepted(lambda: ControlLaw(self.model, among).among):
+            with suppress(ScenarioError):  # a robot that keeps off none
+                ControlLaw(self.model, among).among  # noqa: B018
                 parameters, balls = among, [make_ball(setup)]
         self.scenario = replace(
             scenario,
             controller=parameters,
+            simulated_robot=simulated,
             disturbances=replace(scenario.disturbances, pushes=[]),
             obstacles=[*scenario.obstacles, *balls],
             log_period=scenario.log_period or parameters.period,
@@ -285,6 +290,17 @@ class LiveSimulation:
         number, link = found
         return self.scenario.obstacles[int(number)].name, link
 
+    def beyond(self) -> tuple[str, float] | None:
+        """The joint that is farthest beyond a limit now, and by how much [rad or m];
+        None if none is."""
+        model = self.setup.simulated
+        q = self.positions()[model.controlled_positions]
+        far = np.maximum(model.lower - q, q - model.upper)
+        if not (far > LIMIT_TOLERANCE).any():
+            return None
+        joint = int(far.argmax())
+        return model.joint_names[joint], float(far[joint])
+
     def targets(self) -> np.ndarray:
         """(layout.size,) [x_d; v_d; a_d] as they are now, `moved` included."""
         return self._sources[0].get_output_port().Eval(self._source_contexts[0])
@@ -383,15 +399,6 @@ def _on_the_way(here: np.ndarray, goal: np.ndarray, most: float) -> np.ndarray:
     way = goal - here
     far = np.linalg.norm(way, axis=-1, keepdims=True)
     return here + way * np.minimum(1.0, most / np.maximum(far, 1e-12))
-
-
-def accepted(check: Callable[[], object]) -> bool:
-    """Whether it raises no ScenarioError."""
-    try:
-        check()
-    except ScenarioError:
-        return False
-    return True
 
 
 def make_ball(setup: Setup) -> MovingObstacle:

@@ -35,7 +35,6 @@ def make_page(live: LiveSimulation, scene: LiveScene, meshcat_port: int) -> str:
         "meshcatPort": meshcat_port,
         "period": live.period,
         "duration": live.duration,
-        "mode": live.mode,
         "tasks": [spoken(layout.names[i]) for i in layout.linear_tasks],
         "pairs": [spoken(f"{a} - {b}") for a, b in live.model.pairs.names],
         "most": NEAR_PAIRS,

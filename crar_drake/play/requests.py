@@ -12,13 +12,11 @@
 Nothing in a request is run, and names are looked up among those of the robot.
 """
 
-import json
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from crar_drake.errors import CrarError
 from crar_drake.play.pacing import FASTEST, SLOWEST
+from crar_drake.strict_json import MessageError, number, numbers, read_object
 
 LONGEST = 2048  # [bytes]
 FARTHEST = 2.0  # of an offset, in each direction [m]
@@ -26,10 +24,6 @@ FARTHEST_BALL = 10.0  # likewise, from the origin of the world [m]
 STRONGEST = 500.0  # of a push, in each direction [N]
 # Far more frames than a robot has.
 _MOST_TASKS = 1000
-
-
-class RequestError(CrarError):
-    """A request that is not one of those above; it says why."""
 
 
 @dataclass(frozen=True)
@@ -46,75 +40,52 @@ def parse(body: bytes) -> Request:
     """Reads a request.
 
     Raises:
-        RequestError: it is no request.
+        MessageError: it is no request.
     """
-    if len(body) > LONGEST:
-        raise RequestError(f"longer than {LONGEST} bytes")
-    try:
-        said = json.loads(body)
-        # JSON can name halves of characters, which no text may have.
-        json.dumps(said, ensure_ascii=False).encode()
-    except UnicodeEncodeError as error:
-        raise RequestError("text that is no valid Unicode") from error
-    except (ValueError, RecursionError) as error:
-        raise RequestError(f"no JSON: {error}") from error
-    if not isinstance(said, dict) or not isinstance(said.get("do"), str):
-        raise RequestError('no object with a "do"')
-    if said["do"] not in _KINDS:
-        raise RequestError(f"there is no {said['do'][:40]!r} to do")
-    read, more = _KINDS[said["do"]]
-    wanted = {"do", *more} | ({"value"} if read is not None else set())
-    if set(said) != wanted:
-        raise RequestError(f"{said['do']} has {', '.join(sorted(wanted))}")
-    return Request(
-        said["do"],
-        None if read is None else read(said["value"]),
-        int(_number(said["task"], 0, _MOST_TASKS)) if "task" in more else 0,
-        _name(said["frame"]) if "frame" in more else "",
-    )
+    said = read_object(body, LONGEST)
+    do = said.pop("do", None)
+    if not isinstance(do, str) or do not in _KINDS:
+        raise MessageError(f"there is no {str(do)[:40]!r} to do")
+    if set(said) != set(_KINDS[do]):
+        raise MessageError(f"{do} has {', '.join(['do', *_KINDS[do]])}")
+    return Request(do, **{key: read(said[key]) for key, read in _KINDS[do].items()})
 
 
-def _number(value: object, least: float, most: float) -> float:
-    # To Python, true is a number.
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise RequestError(f"{str(value)[:40]!r} is no number")
-    if not (least <= value <= most and math.isfinite(value)):
-        raise RequestError(f"{str(value)[:40]} is not from {least:g} to {most:g}")
-    return float(value)
+def _task(value: object) -> int:
+    return int(number(value, 0, _MOST_TASKS))
 
 
 def _name(value: object) -> str:
     if not isinstance(value, str) or len(value) > 200:
-        raise RequestError("a frame is given by its name")
+        raise MessageError("a frame is given by its name")
     return value
 
 
 def _switch(value: object) -> bool:
     if not isinstance(value, bool):
-        raise RequestError("value is true or false")
+        raise MessageError("value is true or false")
     return value
 
 
-def _vector(most: float) -> Callable[[object], tuple[float, ...]]:
-    def read(value: object) -> tuple[float, ...]:
-        if not isinstance(value, list) or len(value) != 3:
-            raise RequestError("value is three numbers")
-        return tuple(_number(x, -most, most) for x in value)
-
-    return read
+def _speed(value: object) -> float:
+    return number(value, SLOWEST, FASTEST)
 
 
-# How the value is read, None if there is none, and what else a request has.
-_KINDS: dict[str, tuple[Callable[[object], object] | None, tuple[str, ...]]] = {
-    "pause": (None, ()),
-    "resume": (None, ()),
-    "step": (None, ()),
-    "stop": (None, ()),
-    "home": (None, ()),
-    "speed": (lambda value: _number(value, SLOWEST, FASTEST), ()),
-    "offset": (_vector(FARTHEST), ("task",)),
-    "ball": (_vector(FARTHEST_BALL), ()),
-    "ball away": (None, ()),
-    "motion": (_switch, ()),
-    "push": (_vector(STRONGEST), ("frame",)),
+def _vector(most: float) -> Callable[[object], list[float]]:
+    return lambda value: numbers("value", value, 3, most)
+
+
+# What a request has beside `do`, and how that is read.
+_KINDS: dict[str, dict[str, Callable[[object], object]]] = {
+    "pause": {},
+    "resume": {},
+    "step": {},
+    "stop": {},
+    "home": {},
+    "speed": {"value": _speed},
+    "offset": {"task": _task, "value": _vector(FARTHEST)},
+    "ball": {"value": _vector(FARTHEST_BALL)},
+    "ball away": {},
+    "motion": {"value": _switch},
+    "push": {"frame": _name, "value": _vector(STRONGEST)},
 }

@@ -1,23 +1,32 @@
-"""The loop of `crar-drake play`: real time, requests, pictures, and the end."""
+"""The loop of `crar-drake play`: real time, requests, pictures, and what is left."""
 
 import gc
 import queue
 import time
 from collections.abc import Callable
 from ctypes import py_object, pythonapi
+from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from crar_drake.errors import CrarError
+from crar_drake.interrupts import Interrupts
 from crar_drake.law.compilation import when_compiling
+from crar_drake.motion.report import inspect
 from crar_drake.play.live_scene import LiveScene
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import Pacer
 from crar_drake.play.page import make_page, viewer_script
 from crar_drake.play.requests import Request
 from crar_drake.play.web_server import PlayServer
-from crar_drake.run import FAILURES, Interrupts
+from crar_drake.run import (
+    RunResult,
+    summary_of,
+    tell_end,
+    with_lasting_name,
+    write_run,
+)
 from crar_drake.simulation.scenario import Scenario
 
 _FRAME = 1.0 / 30.0  # [s]
@@ -78,13 +87,11 @@ class PlaySession:
         self._notice, self._notice_until = "", 0.0
         self._drawn = -np.inf
 
-    def run(
-        self, interrupts: Interrupts | None = None, duration: float | None = None
-    ) -> None:
+    def run(self, interrupts: Interrupts, duration: float | None = None) -> None:
         """Goes on until somebody stops it; what stops the simulation is `failure`.
 
         Args:
-            interrupts: of the signal; it ends the loop between two steps.
+            interrupts: held; the first ends the loop between two steps.
             duration: ends it at that simulated time, too [s].
         """
         gc.collect()
@@ -93,7 +100,7 @@ class PlaySession:
         pacer.set_paused(pacer.paused, time.monotonic(), live.time)
         try:
             while not self._stopped:
-                if interrupts is not None and interrupts.asked:
+                if interrupts.asked:
                     break
                 if duration is not None and live.time >= duration - 1e-9:
                     break
@@ -109,16 +116,44 @@ class PlaySession:
                     self._answer(0.0)
                     if not pacer.paused and not self._stopped:
                         live.step()
-        except FAILURES as error:
+        except KeyboardInterrupt:  # a second one, which does not wait for a step
+            pass
+        except Exception as error:
             self.failure = error
         finally:
             gc.unfreeze()
 
-    def end(self, reported: str = "") -> None:
-        """Ends the page."""
-        if reported:
-            self._server.show({"ended": reported})
-        self._server.close()
+    def save(self, out: Path, interrupts: Interrupts) -> RunResult:
+        """Ends the page, and writes log, summary, plot and page as a run does.
+
+        Args:
+            out: the folder.
+            interrupts: another Ctrl-C leaves it at what is there, the log at least.
+
+        Raises:
+            RunFailed: something stopped the simulation, or a file cannot be written.
+            RunInterrupted: not all files were waited for.
+        """
+        interrupts.hold()  # until the log is written
+        live = self.live
+        self._server.show({"ended": f"ended after {live.time:.1f} s; see {out}"})
+        scenario = with_lasting_name(live.logged_scenario())
+        performer = live.setup.motion.performer
+        log = live.recorder.log(scenario)
+        summary = summary_of(
+            log,
+            scenario,
+            live.setup,
+            self.failure,
+            motion=inspect(performer) if performer is not None else None,
+            warnings=[live.reported()],
+        )
+        result = RunResult(log, summary, live.setup)
+        missing = write_run(
+            out, result, scenario, True, interrupts, note=live.reported()
+        )
+        tell_end(result, out, self.failure, missing)
+        return result
 
     def close(self) -> bool:
         """Ends the page and Meshcat, when all else is done.
@@ -128,7 +163,7 @@ class PlaySession:
             ends the thread of Meshcat's web socket. Its destructor then waits for ever
             and is not called, and so the process would abort at its end.
         """
-        self.end()
+        self._server.close()
         meshcat, self._scene, self._meshcat = self._meshcat, None, None
         if meshcat is None or _is_alive(meshcat):
             return True

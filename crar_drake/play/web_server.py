@@ -21,7 +21,8 @@ import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from crar_drake.addresses import cannot_listen, check_address
-from crar_drake.play.requests import LONGEST, Request, RequestError, parse
+from crar_drake.play.requests import LONGEST, Request, parse
+from crar_drake.strict_json import MessageError
 
 # Requests that wait for the simulation, and pages that wait for a frame, at most.
 _MOST_WAITING, _MOST_PAGES = 256, 16
@@ -198,7 +199,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _take(self, body: bytes) -> None:
         try:
             self.server.play.requests.put_nowait(parse(body))
-        except RequestError as error:
+        except MessageError as error:
             self._refuse(400, str(error))
         except queue.Full:
             self._refuse(503, "too many requests at a time")

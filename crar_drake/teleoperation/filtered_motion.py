@@ -5,8 +5,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from crar_drake.errors import ScenarioError
+from crar_drake.law.blending import blend_vectors, smooth_step
 from crar_drake.law.obstacles import Obstacles
-from crar_drake.law.safety_filter import NO_NUMBER, OBSTACLE, SafetyFilter
+from crar_drake.law.safety_filter import (
+    BRAKING,
+    NO_NUMBER,
+    OBSTACLE,
+    FilterMemory,
+    SafetyFilter,
+)
 from crar_drake.law.tasks import TaskLayout
 from crar_drake.teleoperation.safe_motion import (
     AT_REST,
@@ -19,7 +26,8 @@ from crar_drake.teleoperation.safe_motion import (
 class FilteredMotion:
     """A safety filter of joint commands in a loop with its own command.
 
-    Targets are positions of joints, each a task of its name.
+    Targets are positions of joints, each a task of its name. At first, and after a time
+    without any, they are blended in from where the joints are.
 
     Attributes:
         filter: of the robot.
@@ -33,24 +41,32 @@ class FilteredMotion:
     no_obstacles = ""
 
     def __init__(
-        self, safety_filter: SafetyFilter, start: Mapping[str, float] | None = None
+        self,
+        safety_filter: SafetyFilter,
+        start: Mapping[str, float] | None = None,
+        blend_time: float = 0.0,
     ) -> None:
         """
         Args:
             start: as of `SafeMotion`.
+            blend_time: how long targets are blended in [s].
 
         Raises:
             ScenarioError: as `begin`.
         """
         self.filter, self.model = safety_filter, safety_filter.model
-        self.period = safety_filter.period
+        self.period, self._blend_time = safety_filter.period, blend_time
         names = safety_filter.joint_names
         self.layout = TaskLayout(names, ("joint",) * len(names))
         self._workspace = self.model.MakeWorkspace()
         safety_filter.compile(obstacles=True)
-        self._memory = safety_filter.start()
+        self._rest(safety_filter.start())
         if start:
             self.begin(start)
+
+    def _rest(self, memory: FilterMemory) -> None:
+        self._memory = memory
+        self._start, self._blended = memory.q, 0.0  # from where, and how long [s]
 
     @property
     def q(self) -> np.ndarray:
@@ -79,12 +95,12 @@ class FilteredMotion:
         if not report.clear:
             links = " - ".join(report.pair) if report.pair else "links"
             raise ScenarioError(f"start: {links} are nearer there than the floor")
-        self._memory = memory
+        self._rest(memory)
 
     def stop_here(self) -> None:
         """The robot is where it is, at rest: nobody has commanded it to move for
         long."""
-        self._memory = self.filter.start(self.q)
+        self._rest(self.filter.start(self.q))
 
     def where(self) -> np.ndarray:
         """(layout.size,) [x; 0; 0] of the joints now."""
@@ -100,6 +116,14 @@ class FilteredMotion:
         n, (q, v) = len(self.q), (self.q, self.v)
         wanted, rate = tasks[:n], tasks[n : 2 * n]
         wanted = wanted + self.period * rate  # at the end of the period
+        if self._blended == 0.0:
+            self._start = q
+        self._blended = 0.0 if np.isnan(wanted).any() else self._blended + self.period
+        blends = self._blended < self._blend_time
+        if blends:
+            step = smooth_step.py_func(self._blended, self._blend_time)
+            blended = blend_vectors.py_func(self._start, wanted, rate, 0.0, step)
+            wanted, rate, _ = blended
         self._memory = self.filter.solve(
             self._memory, wanted, rate, obstacles=obstacles
         )
@@ -108,9 +132,10 @@ class FilteredMotion:
         self.model.plant.SetPositionsAndVelocities(
             self._workspace.plant_context, np.concatenate((q, v))
         )
+        brakes = report.how == BRAKING
         return Moved(
-            status="braking" if report.how == "braking" else "tracking",
-            admitted="nominal" if report.how == "braking" else report.how,
+            status="braking" if brakes else "blending" if blends else "tracking",
+            admitted="nominal" if brakes else report.how,
             distance=report.clearance,
             torques=self.model.inverse_dynamics(self._workspace, command.a),
             why=_in_words(report),

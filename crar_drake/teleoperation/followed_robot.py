@@ -6,23 +6,24 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from crar_drake.errors import few
+
 # Commands are kept for so long beyond the latency [s].
 _KEPT = 1.0
+_MOST_NAMED = 4  # joints in a sentence
 
 
 class FollowedRobot:
     """Compares measured positions with what was commanded for the same instant.
 
-    What is measured arrives a latency after it was so. It is compared with the command
-    of that instant, between two commands on the straight line.
+    What is measured arrives a latency after it was so, joint by joint or together. It
+    is compared with the command of that instant, between two commands on the straight
+    line. Of each joint what was heard last counts.
 
     Attributes:
         latency: of measured positions [s].
         most: larger errors than this are too large [rad or m]; infinite for none.
-        heard: when positions came last [s]; minus infinity if none ever did.
-        positions: joint to where it was then [rad or m].
-        error: the largest |measured - commanded| then [rad or m], NaN of nothing; and
-        joint: of which joint, or None.
+        names: of the joints, each with one position.
     """
 
     def __init__(
@@ -30,19 +31,32 @@ class FollowedRobot:
     ) -> None:
         """
         Args:
-            names: (nq,) of the positions of a command.
+            names: (nq,) the joint of each position of a command.
             latency, most: see the attributes.
         """
-        self._at = {name: i for i, name in enumerate(names)}
+        self._at = {name: i for i, name in enumerate(names) if names.count(name) == 1}
+        self.names: Collection[str] = self._at.keys()
         self.latency, self.most = latency, most
-        self.heard, self.positions = -math.inf, {}
-        self.error, self.joint = math.nan, None
+        self._measured: dict[str, float] = {}
+        self._heard = dict.fromkeys(self._at, -math.inf)  # when [s]
+        self._errors = dict.fromkeys(self._at, math.nan)
         self._told: deque[tuple[float, np.ndarray]] = deque()
 
     @property
-    def names(self) -> Collection[str]:
-        """The joints that are compared."""
-        return self._at.keys()
+    def positions(self) -> Mapping[str, float]:
+        """Joint to where it was when it was heard last [rad or m]."""
+        return self._measured
+
+    @property
+    def joint(self) -> str | None:
+        """That was farthest from its command when it was heard last; None of none."""
+        known = {name: x for name, x in self._errors.items() if not math.isnan(x)}
+        return max(known, key=known.get, default=None)
+
+    @property
+    def error(self) -> float:
+        """|measured - commanded| of `joint` then [rad or m]; NaN of none."""
+        return self._errors.get(self.joint, math.nan)
 
     def tell(self, at: float, q: np.ndarray) -> None:
         """Notes a command.
@@ -62,30 +76,33 @@ class FollowedRobot:
             positions: joint to position [rad or m], of some of `names`.
             now: when they came [s].
         """
-        self.heard, self.positions = now, dict(positions)
         commanded = self._at_time(now - self.latency)
-        if commanded is None:
-            self.error, self.joint = math.nan, None
-            return
-        errors = {
-            name: abs(x - commanded[self._at[name]]) for name, x in positions.items()
-        }
-        self.joint = max(errors, key=errors.get)
-        self.error = float(errors[self.joint])
+        for name, x in positions.items():
+            self._measured[name], self._heard[name] = x, now
+            if commanded is not None:
+                self._errors[name] = abs(x - float(commanded[self._at[name]]))
 
-    def follows(self, now: float, timeout: float) -> bool:
-        """Whether the robot may be told to move.
+    def unheard(self, now: float, timeout: float) -> str:
+        """The joints of which nothing was heard, in words; "" of none.
 
         Args:
             now: the present instant [s].
-            timeout: measured positions that are older count no more [s].
+            timeout: what is older does not count [s].
+        """
+        silent = [name for name, at in self._heard.items() if now - at > timeout]
+        return few(silent, _MOST_NAMED)
 
-        Returns:
-            True if no error is too large; of a robot that says nothing, if none is.
+    def reason_to_brake(self, now: float, timeout: float) -> str | None:
+        """Why the robot may not be told to move; None if it may.
+
+        Args:
+            now, timeout: as of `unheard`.
         """
         if self.most == math.inf:
-            return True
-        return now - self.heard <= timeout and not self.error > self.most
+            return None
+        if silent := self.unheard(now, timeout):
+            return f"not heard: {silent}"
+        return f"not followed: {self.joint}" if self.error > self.most else None
 
     def _at_time(self, time: float) -> np.ndarray | None:
         """(nq,) what was commanded for an instant; None before the first command."""

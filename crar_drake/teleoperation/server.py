@@ -1,10 +1,9 @@
 """The loop of `crar-drake serve`: targets in over UDP, safe commands out.
 
-One thread does all of it. Between two ticks it waits for messages and judges them as
-they come; at each tick it takes a control step and sends the command. No message can
-hold it up: how much is judged in a period, and until when, is bounded. In a flood the
-socket is emptied all the same, so that nothing grows old in it, and of what is too much
-the newest of each sender are judged before the step.
+One thread does all of it. Between two ticks it takes messages from the socket, so that
+nothing grows old in it; at each tick it reads them, takes a control step and sends the
+command. No message can hold it up: how much is read in a period is bounded, and of what
+is too much the newest of each sender are read.
 """
 
 import gc
@@ -14,58 +13,73 @@ import select
 import socket
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from crar_drake.addresses import cannot_listen, check_address, family_of
+from crar_drake.strict_json import MessageError
 from crar_drake.teleoperation.filtered_motion import FilteredMotion
 from crar_drake.teleoperation.followed_robot import FollowedRobot
+from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.heard_obstacles import HeardObstacles
-from crar_drake.teleoperation.latencies import Latencies
+from crar_drake.teleoperation.inbox import Inbox
 from crar_drake.teleoperation.messages import (
     LONGEST,
     Command,
     Describe,
     Drive,
     Measured,
-    MessageError,
+    Message,
     ObstacleMessage,
     TargetMessage,
     as_targets,
     parse,
 )
-from crar_drake.teleoperation.newest_messages import NewestMessages
 from crar_drake.teleoperation.safe_motion import SafeMotion
-from crar_drake.teleoperation.target_stream import Gate, TargetStream
+from crar_drake.teleoperation.target_stream import (
+    CLAMPED,
+    LATE,
+    PASSED,
+    REJECTED,
+    TargetStream,
+)
 
-# Messages that are judged in one period as they come.
-_MOST_PER_PERIOD = 64
 # Datagrams that are taken from the socket at once: more small ones than it holds.
 _MOST_AT_ONCE = 1024
-# What a flood may take from a step [s]; then one message of each sender is judged.
-_GRACE = 1e-3
 # Clients that get commands; another one takes the place of who was silent longest.
 _MOST_CLIENTS = 8
 _CLIENT_TIMEOUT = 5.0  # [s] of silence
+_MOST_TIMES = 200_000  # that statistics are made of, the last ones
+_MOST_REASONS = 4  # why messages of a client were not taken, in a command
 # A robot that got no command for so long is taken to have stopped [s].
 _STALL = 0.1
 
 MALFORMED, OVERSIZED, FLOODING = "malformed", "oversized", "flooding"
-NOT_DRIVING = "not driving"
+REFUSED, NOT_DRIVING = "refused", "not driving"
 
 Address = tuple[str, int]
+
+
+@dataclass
+class _Client:
+    """Who gets commands."""
+
+    heard: float  # when it said something last [s]
+    # why messages were not taken since the last command, each once, in order
+    rejected: dict[str, None] = field(default_factory=dict)
 
 
 @dataclass
 class Statistics:
     """What a server has done so far."""
 
-    # datagrams that arrived, by what became of them: "taken", "malformed", "oversized",
-    # "flooding" (more in a period than are judged, and not the newest of their sender),
-    # "not driving" (targets of another client than the one that drives)
+    # messages, by what became of them: "taken" of targets, "measured", "obstacles",
+    # "malformed", "refused" (obstacles), "oversized", "flooding" (more in a period than
+    # are read, and not the newest of their sender), "not driving" (targets of another
+    # client than the one that drives)
     messages: Counter = field(default_factory=Counter)
     # verdict to number of targets, see `target_stream.VERDICTS`
     targets: Counter = field(default_factory=Counter)
@@ -75,14 +89,15 @@ class Statistics:
     stalls: int = 0  # steps that began so late that the robot goes on from rest
     unsent: int = 0  # commands that the network did not take
     # steps that braked since the robot was too far from what it was told, or was not
-    # heard
-    not_followed: int = 0
+    # heard, or an obstacle was refused
+    stopped: int = 0
     largest_error: float = 0.0  # of joints from what they were told [rad or m]
     smallest_distance: float = np.inf  # of a watched pair [m]
-    # from a target's arrival to the first command that knows it
-    latency: Latencies = field(default_factory=Latencies)
-    step_time: Latencies = field(default_factory=Latencies)  # of the control steps
-    last_error: str = ""  # what was wrong with the last malformed message
+    # from a target's arrival to the first command that knows it [s]
+    latency: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST_TIMES))
+    # of the control steps [s]
+    step_time: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST_TIMES))
+    last_error: str = ""  # why the last message that was not taken was not
 
     def lines(self) -> list[str]:
         """For people."""
@@ -90,14 +105,11 @@ class Statistics:
         def counted(counter: Counter) -> str:
             return ", ".join(f"{n} {what}" for what, n in counter.items()) or "none"
 
-        def times(latencies: Latencies) -> str:
-            if not latencies.count:
+        def times(last: deque[float]) -> str:
+            if not last:
                 return "none"
-            p50, p99 = latencies.percentile(50), latencies.percentile(99)
-            return (
-                f"p50 {1e3 * p50:.2f} ms, p99 {1e3 * p99:.2f} ms, "
-                f"longest {1e3 * latencies.longest:.2f} ms"
-            )
+            p50, p99, longest = 1e3 * np.percentile(last, (50, 99, 100))
+            return f"p50 {p50:.2f} ms, p99 {p99:.2f} ms, longest {longest:.2f} ms"
 
         lines = [
             f"messages: {counted(self.messages)}",
@@ -112,15 +124,19 @@ class Statistics:
         ]
         if np.isfinite(self.smallest_distance):
             lines.append(f"smallest distance: {1e3 * self.smallest_distance:.1f} mm")
-        if self.largest_error or self.not_followed:
+        if self.largest_error:
             lines.append(
-                f"the robot was off by {self.largest_error:.3g} rad or m at most; "
-                f"{self.not_followed} steps braked for that, or since it was not heard"
+                f"the robot was off by {self.largest_error:.3g} rad or m at most"
+            )
+        if self.stopped:
+            lines.append(
+                f"{self.stopped} steps braked: the robot did not follow, or was not "
+                "heard, or an obstacle was refused"
             )
         if self.unsent:
             lines.append(f"{self.unsent} commands could not be sent")
         if self.last_error:
-            lines.append(f"last malformed message: {self.last_error}")
+            lines.append(f"last message that was not taken: {self.last_error}")
         return lines
 
 
@@ -194,14 +210,13 @@ class TeleoperationServer:
         self._start_measured = start_measured
         self._socket = opened or listen(host, port)
         self.address: Address = self._socket.getsockname()[:2]
-        self._clients: dict[Address, float] = {}
+        self._clients: dict[Address, _Client] = {}
         self._driver: Address | None = None  # whose targets are followed
         self._driven = -math.inf  # when that one's last targets came [s]
         self._arrived: list[float] = []  # of targets that no command knows yet
         self._of: float | None = None
         self._here = motion.where()
-        self._budget = _MOST_PER_PERIOD
-        self._newest = NewestMessages()  # of what is beyond the budget
+        self._inbox = Inbox()
         self._start = time.monotonic()
         self._stopped = self._ends = False
 
@@ -216,7 +231,7 @@ class TeleoperationServer:
     def run(
         self,
         duration: float | None = None,
-        tell: Callable[[Statistics], None] | None = None,
+        tell: Callable[[str], None] = lambda text: None,
         every: float = 5.0,
         asked: Callable[[], bool] = lambda: False,
     ) -> Statistics:
@@ -224,7 +239,7 @@ class TeleoperationServer:
 
         Args:
             duration: [s]; None for no end.
-            tell: is called now and then with what was done so far.
+            tell: is called now and then with how it goes.
             every: how often [s].
             asked: whether somebody asks it to end.
 
@@ -239,21 +254,10 @@ class TeleoperationServer:
         self._start = reported = time.monotonic()
         tick = self._start + self.period
         self._stopped = False
-        while self._start_measured and not self.robot.positions:
-            if self._stopped or asked() or (duration and tick - self._start > duration):
-                return self.statistics
-            self._wait(tick)
-            self._take_newest()
-            self._budget = _MOST_PER_PERIOD
-            tick += self.period
-        if self._start_measured:
-            self.motion.begin(self.robot.positions)
-            self._here = self.motion.where()
-            self._start_measured = False
         while True:
             over = duration is not None and tick - self._start >= duration
             self._ends = self._stopped or over or asked()
-            if self._ends and self.motion.at_rest:
+            if self._ends and (self.motion.at_rest or self._start_measured):
                 return self.statistics
             self._wait(tick)
             late = time.monotonic() - tick
@@ -263,11 +267,28 @@ class TeleoperationServer:
             if late > _STALL:
                 self.statistics.stalls += 1
                 self.motion.stop_here()
-            self.tick(tick)
-            tick += self.period
-            if tell is not None and tick - reported >= every:
+            if self._start_measured and not self._ends:
+                self._begin_where_it_is(tick)
+            if not self._start_measured:
+                self.tick(tick)
+            if tick - reported >= every:
                 reported = tick
-                tell(self.statistics)
+                tell(self._how_it_goes(tick))
+            tick += self.period
+
+    def _begin_where_it_is(self, now: float) -> None:
+        """Begins where the robot is, once all of its joints are heard."""
+        self._read()
+        if not self.robot.unheard(now, self.stream.gate.timeout):
+            self.motion.begin(self.robot.positions)
+            self._here = self.motion.where()
+            self._start_measured = False
+
+    def _how_it_goes(self, now: float) -> str:
+        if self._start_measured:
+            unheard = self.robot.unheard(now, self.stream.gate.timeout)
+            return f"waits for the robot to say where it is; not heard: {unheard}"
+        return self.statistics.lines()[3]
 
     def tick(self, now: float) -> Command:
         """One control step on what has arrived, and its command to all clients.
@@ -276,15 +297,17 @@ class TeleoperationServer:
             now: on our monotonic clock [s].
         """
         statistics = self.statistics
-        self._take_newest()
+        self._read()
         began = time.monotonic()
         desired = self.stream.desired_at(now, self._here)
-        follows = self.robot.follows(now, self.stream.gate.timeout)
-        if self._ends or not follows:
+        held = self.obstacles.reason_to_brake or self.robot.reason_to_brake(
+            now, self.stream.gate.timeout
+        )
+        if self._ends or held:
             desired[:] = np.nan  # to brake
         moved = self.motion.move(desired, self.obstacles.at(now))
         self.robot.tell(now + self.period, self.motion.q)
-        statistics.step_time.add(time.monotonic() - began)
+        statistics.step_time.append(time.monotonic() - began)
         command = Command(
             time=now - self._start,
             of=self._of,
@@ -294,37 +317,34 @@ class TeleoperationServer:
             torques=moved.torques,
             distance=moved.distance,
             admitted=moved.admitted,
-            why=moved.why,
+            why=held or moved.why,
             driver=self._named(now),
             tracking_error=self.robot.error,
             tracking_joint=self.robot.joint,
         )
         self._send(command, now)
         sent = time.monotonic()
-        for arrived in self._arrived:
-            statistics.latency.add(sent - arrived)
+        statistics.latency += (sent - arrived for arrived in self._arrived)
         self._arrived.clear()
         statistics.steps[moved.status] += 1
         statistics.held_back += moved.admitted != "nominal"
-        statistics.not_followed += not follows
+        statistics.stopped += held is not None
         statistics.smallest_distance = np.fmin(
             statistics.smallest_distance, command.distance
         )
         self._here = self.motion.where()
-        self._budget = _MOST_PER_PERIOD
         return command
 
     def _wait(self, until: float) -> None:
-        """Takes messages as they come, until it is time for the next step."""
+        """Takes messages from the socket, until it is time for the next step."""
         while (left := until - time.monotonic()) > 0.0:
-            if select.select([self._socket], [], [], left)[0]:
-                self._receive(until)
+            select.select([self._socket], [], [], left)
+            self._receive()
         # Also those that came while nothing waited.
-        self._receive(until)
+        self._receive()
 
-    def _receive(self, until: float = math.inf) -> None:
-        """Reads what is there. What is beyond the period's budget, or read later than
-        `until` [s], is kept, the newest of it."""
+    def _receive(self) -> None:
+        """Takes what is there."""
         for _ in range(_MOST_AT_ONCE):
             try:
                 data, sender = self._socket.recvfrom(LONGEST + 1)
@@ -332,74 +352,87 @@ class TeleoperationServer:
                 return
             except OSError:  # an answer to nobody: the network says so here
                 continue
-            now = time.monotonic()
-            if self._budget > 0 and now <= until:
-                self._budget -= 1
-                self._take(data, sender, now)
-            else:
-                self._flooded(self._newest.add(data, sender, self._driver))
+            if len(data) > LONGEST:
+                self._reject(OVERSIZED, f"longer than {LONGEST} bytes", sender)
+                continue
+            self._lose(self._inbox.put(data, sender, time.monotonic(), self._driver))
 
-    def _take_newest(self) -> None:
-        """Judges what `_receive` has kept: who drives comes first."""
-        late = time.monotonic() + _GRACE
-        for sender, kept in self._newest.take(self._driver):
-            while kept:
-                if time.monotonic() > late:
-                    while len(kept) > 1:
-                        kept.popleft()
-                        self._flooded(1)
-                self._budget = 0  # of several lines the last one
-                self._take(kept.popleft(), sender, time.monotonic())
+    def _read(self) -> None:
+        """Reads the newest of what was taken; who drives comes first, then clients."""
+        lines, lost = self._inbox.take(
+            lambda sender: (sender != self._driver, sender not in self._clients)
+        )
+        self._lose(lost)
+        for line in lines:
+            try:
+                message = parse(line.text, self.stream.layout, self.robot.names)
+            except MessageError as error:
+                self._reject(MALFORMED, str(error), line.sender)
+                continue
+            if isinstance(message, Describe):
+                self._reply(self._description(), line.sender)
+                continue
+            self._meet(line.sender, line.arrived)
+            self._use(message, line.arrived, line.sender)
 
-    def _flooded(self, count: int) -> None:
-        if count > 0:
+    def _lose(self, count: int) -> None:
+        if count:
             self.statistics.messages[FLOODING] += count
 
-    def _take(self, data: bytes, sender: Address, now: float) -> None:
-        if len(data) > LONGEST:
-            self.statistics.messages[OVERSIZED] += 1
-            return
-        lines = [line for line in data.split(b"\n") if line.strip()] or [data]
-        room = 1 + self._budget  # the datagram is counted already
-        self._flooded(len(lines) - room)
-        for line in lines[-room:]:
-            self._take_line(line, sender, now)
-        self._budget -= min(len(lines), room) - 1
-
-    def _take_line(self, line: bytes, sender: Address, now: float) -> None:
-        try:
-            message = parse(line, self.stream.layout, self.robot.names)
-            learned = self._learn(message, now)
-        except MessageError as error:
-            self._note(error)
-            return
-        if isinstance(message, Describe):
-            self._reply(self._description(), sender)
-            return
-        self._clients.pop(sender, None)
+    def _meet(self, sender: Address, now: float) -> None:
+        """Takes the sender for a client, who gets commands from now on."""
+        known = self._clients.pop(sender, None)
         while len(self._clients) >= _MOST_CLIENTS:
             others = (each for each in self._clients if each != self._driver)
             del self._clients[next(others)]
-        self._clients[sender] = now
+        self._clients[sender] = known or _Client(now)
+        self._clients[sender].heard = now
+
+    def _reject(self, what: str, why: str, sender: Address) -> None:
+        """Counts a message that is not taken, and tells its sender, if there is room
+        for one who has said nothing else."""
+        self.statistics.messages[what] += 1
+        self.statistics.last_error = why[:200]
+        if sender not in self._clients and len(self._clients) < _MOST_CLIENTS:
+            self._meet(sender, time.monotonic())
+        self._explain(why, sender)
+
+    def _explain(self, why: str, sender: Address) -> None:
+        client = self._clients.get(sender)
+        if client is not None and len(client.rejected) < _MOST_REASONS:
+            client.rejected[why[:200]] = None
+
+    def _use(self, message: Message, now: float, sender: Address) -> None:
+        statistics = self.statistics
         if isinstance(message, Drive):
             self._driver, self._driven = sender, now
-        elif not learned:
-            self._use(message, now, sender)
-
-    def _learn(self, message: object, now: float) -> bool:
-        """Takes what is told of the robot or of obstacles; whether it was that."""
-        statistics = self.statistics
-        if isinstance(message, Measured):
+        elif isinstance(message, Measured):
             self.robot.hear(message.positions, now)
             statistics.messages["measured"] += 1
-            if self.robot.error > statistics.largest_error:
-                statistics.largest_error = self.robot.error
+            statistics.largest_error = np.fmax(
+                statistics.largest_error, self.robot.error
+            )
         elif isinstance(message, ObstacleMessage):
-            self.obstacles.hear(message, now)
-            statistics.messages["obstacles"] += 1
+            try:
+                self.obstacles.hear(message, now)
+                statistics.messages["obstacles"] += 1
+            except MessageError as error:
+                self._reject(REFUSED, str(error), sender)
+        elif sender != self._driver and self._named(now) is not None:
+            self._reject(NOT_DRIVING, f"{self._named(now)} drives", sender)
         else:
-            return False
-        return True
+            self._follow(message, now, sender)
+
+    def _follow(self, message: TargetMessage, now: float, sender: Address) -> None:
+        self._driver, self._driven = sender, now
+        self.statistics.messages["taken"] += 1
+        verdicts = self.stream.take(message, now, self._here, sender)
+        for task, verdict in verdicts.items():
+            if verdict in (REJECTED, LATE):
+                self._explain(f"{self.stream.layout.names[task]}: {verdict}", sender)
+        if {PASSED, CLAMPED} & set(verdicts.values()):
+            self._arrived.append(now)
+            self._of = message.time
 
     def _named(self, now: float) -> str | None:
         """Who drives; None if nobody has for a while."""
@@ -408,29 +441,19 @@ class TeleoperationServer:
         host, port = self._driver[:2]
         return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
-    def _note(self, error: MessageError) -> None:
-        self.statistics.messages[MALFORMED] += 1
-        self.statistics.last_error = str(error)[:200]
-
-    def _use(self, message: TargetMessage, now: float, sender: Address) -> None:
-        if sender != self._driver and self._named(now) is not None:
-            self.statistics.messages[NOT_DRIVING] += 1
-            return
-        self._driver, self._driven = sender, now
-        self.statistics.messages["taken"] += 1
-        if self.stream.take(message, now, self._here, sender):
-            self._arrived.append(now)
-            self._of = message.time
-
     def _send(self, command: Command, now: float) -> None:
-        silent = [c for c, at in self._clients.items() if now - at > _CLIENT_TIMEOUT]
-        for client in silent:
-            del self._clients[client]
-        if self._clients:
-            line = command.to_line()
-            # Who drives comes first, lest others fill the network's buffer.
-            for client in sorted(self._clients, key=lambda each: each != self._driver):
-                self._reply(line, client)
+        self._clients = {
+            address: client
+            for address, client in self._clients.items()
+            if now - client.heard <= _CLIENT_TIMEOUT
+        }
+        line = command.to_line() if self._clients else b""
+        # Who drives comes first, lest others fill the network's buffer.
+        for address in sorted(self._clients, key=lambda each: each != self._driver):
+            rejected = self._clients[address].rejected
+            told = command.to_line("; ".join(rejected)) if rejected else line
+            self._reply(told, address)
+            rejected.clear()
 
     def _reply(self, line: bytes, client: Address) -> None:
         try:

@@ -1,7 +1,8 @@
 """A server from a scenario: its robot, its tasks, its gains."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -16,11 +17,11 @@ from crar_drake.law.safety_filter import SafetyFilter
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.standing import standing_description
-from crar_drake.simulation.scenario import load_scenario
+from crar_drake.simulation.scenario import Scenario, load_scenario
 from crar_drake.teleoperation.filtered_motion import FilteredMotion
+from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer, listen
-from crar_drake.teleoperation.target_stream import Gate
 
 
 def make_server(
@@ -59,11 +60,19 @@ def make_server(
     """
     opened = listen(host, port)  # what takes no time to find out comes first
     try:
+        if joints and experiment:
+            raise ScenarioError(
+                f"--experiment {experiment}: of --joints the joints are all targets"
+            )
+        loaded = load_scenario(scenario)
+        loaded.robot = robot or loaded.robot
+        if experiment:
+            loaded.experiment, loaded.tasks = experiment, []
         gate = gate or Gate()
         if joints:
-            motion = _make_filtered(scenario, robot, experiment, rate, gate, start)
+            motion = _make_filtered(loaded, rate, gate.joint_speed, start)
         else:
-            motion = _make_motion(scenario, robot, experiment, rate, start)
+            motion = _make_motion(loaded, rate, start)
     except BaseException:
         opened.close()
         raise
@@ -78,62 +87,51 @@ def make_server(
 
 
 def _make_filtered(
-    scenario: str,
-    robot: str,
-    experiment: str,
+    scenario: Scenario,
     rate: float,
-    gate: Gate,
+    joint_speed: float,
     start: Mapping[str, float] | None,
 ) -> FilteredMotion:
-    if experiment:
-        raise ScenarioError(
-            f"--experiment {experiment}: of --joints the joints are all targets"
-        )
-    loaded = load_scenario(scenario)
-    description = load_robot_description(robot or loaded.robot)
-    stated, ahead = loaded.controller, SafetyParameters()
+    stated, ahead = scenario.controller, SafetyParameters()
     if isinstance(stated, LookaheadParameters):
         ahead = SafetyParameters(
             tracking_error=stated.tracking_error,
             tracking_errors=stated.tracking_errors,
             evade=stated.evade,
         )
-    try:
+    description = load_robot_description(scenario.robot)
+    with _naming_rate(rate):
         made = SafetyFilter(description, 1.0 / rate)
-    except ScenarioError as error:
-        raise ScenarioError(f"--rate {rate:g}: {error}") from error
     # A target that jumps is gone to no faster than one may move.
-    fastest = np.minimum(made.model.velocity_limits, gate.joint_speed)
+    fastest = np.minimum(made.model.velocity_limits, joint_speed)
     limits = dict(zip(made.joint_names, fastest.tolist(), strict=True))
     return FilteredMotion(
         SafetyFilter(made.model, 1.0 / rate, replace(ahead, velocity_limits=limits)),
         start,
+        stated.blend_time,
     )
 
 
 def _make_motion(
-    scenario: str,
-    robot: str,
-    experiment: str,
-    rate: float,
-    start: Mapping[str, float] | None,
+    scenario: Scenario, rate: float, start: Mapping[str, float] | None
 ) -> SafeMotion:
-    loaded = load_scenario(scenario)
-    if experiment:
-        loaded.experiment, loaded.tasks = experiment, []
-    period = 1.0 / rate
-    try:
-        parameters = with_constraints(loaded.controller, "lookahead")
-        parameters = replace(parameters, period=period)
+    with _naming_rate(rate):
+        parameters = with_constraints(scenario.controller, "lookahead")
+        parameters = replace(parameters, period=1.0 / rate)
         parameters.validate()
-    except ScenarioError as error:
-        raise ScenarioError(f"--rate {rate:g}: {error}") from error
-    description = load_robot_description(robot or loaded.robot)
-    if loaded.standing is not None:
+    description = load_robot_description(scenario.robot)
+    if scenario.standing is not None:
         description = standing_description(description)
     model = ControlModel.FromDescription(
-        description,
-        loaded.task_list(),
-        time_step=period,
+        description, scenario.task_list(), time_step=1.0 / rate
     )
     return SafeMotion(model, parameters, start)
+
+
+@contextmanager
+def _naming_rate(rate: float) -> Iterator[None]:
+    """Names the option where a period is out of range."""
+    try:
+        yield
+    except ScenarioError as error:
+        raise ScenarioError(f"--rate {rate:g}: {error}") from error

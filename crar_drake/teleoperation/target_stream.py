@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crar_drake.law.tasks import TaskLayout
+from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.messages import PARTS, TargetMessage
 
 # The velocity of a target is not believed for longer than this after it came [s].
@@ -16,23 +17,6 @@ _SHORTEST = 1e-3
 
 PASSED, CLAMPED, REJECTED, LATE = "passed", "clamped", "rejected", "late"
 VERDICTS = (PASSED, CLAMPED, REJECTED, LATE)
-
-
-@dataclass(frozen=True)
-class Gate:
-    """What a target may be."""
-
-    speed: float = 1.5  # that targets are approached at, at most [m/s]
-    angular_speed: float = 6.0  # the same of orientations [rad/s]
-    # faster targets of tasks that are joints count as clamped, and are taken to be at
-    # rest where they are. How fast joints go is bounded by the robot's own speed limits
-    # alone [rad/s or m/s].
-    joint_speed: float = 3.0
-    # targets that are farther than this from where the robot's point is are rejected,
-    # but for joints [m]
-    distance: float = 1.0
-    # without a new target for so long the targets are lost: the robot brakes [s]
-    timeout: float = 0.25
 
 
 @dataclass
@@ -45,6 +29,19 @@ class _Track:
     sent: float  # on the sender's clock [s]
     arrived: float  # on ours [s]
     interval: float = 0.0  # to the one before [s]
+
+
+class _Places:
+    """Where each task is in the stacked vectors of a `TaskLayout`."""
+
+    def __init__(self, layout: TaskLayout) -> None:
+        self.kinds = layout.kinds
+        sizes = [sum(n for _, n in PARTS[kind]) for kind in layout.kinds]
+        ends = np.cumsum(sizes)
+        self.x = [slice(end - n, end) for end, n in zip(ends, sizes, strict=True)]
+        rows = map(layout.rows_of, range(len(layout.kinds)))
+        nx = layout.size_x
+        self.v = [slice(nx + each.start, nx + each.stop) for each in rows]
 
 
 class RateLimiter:
@@ -61,7 +58,7 @@ class RateLimiter:
         Args:
             period: between two calls [s].
         """
-        self._layout = layout
+        self._places = _Places(layout)
         self._farthest = gate.speed * period
         self._largest_turn = gate.angular_speed * period
         self._last: np.ndarray | None = None  # (size,) what was passed before
@@ -78,27 +75,21 @@ class RateLimiter:
             self._last = None
             return desired
         last, limited = here if self._last is None else self._last, desired.copy()
-        layout, at_v = self._layout, self._layout.size_x
-        for x, rows in zip(layout.position_entries, layout.linear_rows, strict=True):
-            way = desired[x] - last[x]
-            share = _share(way, self._farthest)
-            if share < 1.0:
-                limited[x] = last[x] + share * way
-                limited[at_v + rows] = 0.0
-        for x, rows in zip(layout.quaternion_entries, layout.angular_rows, strict=True):
-            way = _velocity(last[x], desired[x], "orientation")
-            share = _share(way, self._largest_turn)
-            if share < 1.0:
-                limited[x] = _turned(last[x], share * way)
-                limited[at_v + rows] = 0.0
+        places = self._places
+        for kind, x, v in zip(places.kinds, places.x, places.v, strict=True):
+            if kind == "joint":
+                continue
+            way = _difference(last[x], desired[x], kind)
+            share = np.ones(len(way))
+            turn, move = slice(_TURNS[kind]), slice(_TURNS[kind], None)
+            for part, most in ((turn, self._largest_turn), (move, self._farthest)):
+                length = np.linalg.norm(way[part])
+                share[part] = most / length if length > most else 1.0
+            if (share < 1.0).any():
+                limited[x] = _moved(last[x], share * way, kind)
+                limited[v] *= share == 1.0
         self._last = limited
         return limited
-
-
-def _share(way: np.ndarray, most: float) -> float:
-    """The share of a way (3,) that is as long as `most`, at most 1."""
-    length = np.linalg.norm(way)
-    return most / length if length > most else 1.0
 
 
 @dataclass
@@ -120,6 +111,7 @@ class TargetStream:
 
     def __post_init__(self) -> None:
         self._limiter = RateLimiter(self.layout, self.gate, self.period)
+        self._places = _Places(self.layout)
 
     def take(
         self,
@@ -127,21 +119,21 @@ class TargetStream:
         now: float,
         here: np.ndarray,
         sender: object = None,
-    ) -> bool:
-        """Judges each target of a message; whether any was kept.
+    ) -> dict[int, str]:
+        """Judges each target of a message; task to verdict.
 
         Args:
             now: on our clock, when it did [s].
             here: (layout.size,) [x; ...] where the robot's points are.
             sender: each has a clock of its own.
         """
-        kept = False
         sent = now if message.time is None else message.time
-        for task, x in message.targets.items():
-            verdict = self._judge(task, x, sent, now, here, sender)
-            self.counts[verdict] += 1
-            kept |= verdict in (PASSED, CLAMPED)
-        return kept
+        verdicts = {
+            task: self._judge(task, x, sent, now, here, sender)
+            for task, x in message.targets.items()
+        }
+        self.counts.update(verdicts.values())
+        return verdicts
 
     def desired_at(self, now: float, here: np.ndarray) -> np.ndarray:
         """(layout.size,) [x_d; v_d; a_d]; NaN if there is no target of any task.
@@ -153,20 +145,20 @@ class TargetStream:
             now: on our clock [s].
             here: (layout.size,) [x; ...] where the robot's points are.
         """
-        layout = self.layout
-        desired = np.zeros(layout.size)
+        desired = np.zeros(self.layout.size)
         alive = False
-        for task, kind in enumerate(layout.kinds):
-            track = self._tracks.get(task)
+        for task, kind in enumerate(self.layout.kinds):
+            at, track = self._places.x[task], self._tracks.get(task)
             if track is not None and now - track.arrived <= self.gate.timeout:
                 alive = True
                 self._stays.pop(task, None)
-                x, v = _extrapolated(track, now - track.arrived, kind)
-                first = layout.size_x + layout.rows_of(task).start
-                desired[first : first + len(v)] = v
+                age = now - track.arrived
+                if age < track.interval:
+                    desired[self._places.v[task]] = track.v
+                moved = min(age, track.interval) * track.v
+                desired[at] = _moved(track.x, moved, kind)
             else:
-                x = self._stays.setdefault(task, here[self._entries(task)].copy())
-            desired[self._entries(task)] = x
+                desired[at] = self._stays.setdefault(task, here[at].copy())
         if not alive:
             # Braking is not staying: where it ends is where a task will stay.
             self._stays.clear()
@@ -189,82 +181,51 @@ class TargetStream:
             before = None  # whose clock says nothing of this one's
         if before is not None and sent <= before.sent:
             return LATE
-        at = _position(x, kind)
-        if at is not None and kind != "joint":
-            away = np.linalg.norm(at - _position(here[self._entries(task)], kind))
-            if away > self.gate.distance:
-                return REJECTED
-        track = _Track(x, np.zeros(self._num_rows(task)), sender, sent, now)
-        verdict = PASSED
-        if before is not None and sent - before.sent >= _SHORTEST:
-            interval = sent - before.sent
-            track.v = _velocity(before.x, x, kind) / interval
-            track.interval = min(interval, _LONGEST_EXTRAPOLATION)
-            verdict = CLAMPED if self._too_fast(track.v, kind) else PASSED
-        if verdict == CLAMPED:
-            # A jump is no motion that would go on.
-            track.v = np.zeros_like(track.v)
+        away = _difference(here[self._places.x[task]], x, kind)[_TURNS[kind] :]
+        if kind != "joint" and np.linalg.norm(away) > self.gate.distance:
+            return REJECTED
+        rows = self._places.v[task]
+        track = _Track(x, np.zeros(rows.stop - rows.start), sender, sent, now)
         self._tracks[task] = track
-        return verdict
+        if before is None or sent - before.sent < _SHORTEST:
+            return PASSED
+        interval = sent - before.sent
+        v = _difference(before.x, x, kind) / interval
+        track.interval = min(interval, _LONGEST_EXTRAPOLATION)
+        if self._too_fast(v, kind):
+            return CLAMPED  # a jump is no motion that would go on
+        track.v = v
+        return PASSED
 
     def _too_fast(self, v: np.ndarray, kind: str) -> bool:
-        gate = self.gate
-        if kind == "joint":
-            return abs(v[0]) > gate.joint_speed
-        turns, moves = {
-            "position": (v[:0], v),
-            "orientation": (v, v[:0]),
-            "pose": (v[:3], v[3:]),
-        }[kind]
+        gate, turns = self.gate, _TURNS[kind]
+        fastest = gate.joint_speed if kind == "joint" else gate.speed
         return bool(
-            np.linalg.norm(turns) > gate.angular_speed
-            or np.linalg.norm(moves) > gate.speed
+            np.linalg.norm(v[:turns]) > gate.angular_speed
+            or np.linalg.norm(v[turns:]) > fastest
         )
 
-    def _num_rows(self, task: int) -> int:
-        rows = self.layout.rows_of(task)
-        return rows.stop - rows.start
 
-    def _entries(self, task: int) -> slice:
-        sizes = [sum(n for _, n in PARTS[kind]) for kind in self.layout.kinds]
-        start = sum(sizes[:task])
-        return slice(start, start + sizes[task])
+# How many of the first rows of v_d are a turn, by the kind of task.
+_TURNS = {"position": 0, "orientation": 3, "pose": 3, "joint": 0}
 
 
-def _position(x: np.ndarray, kind: str) -> np.ndarray | None:
-    """The position among a task's entries of x_d, if it has one."""
-    return {"position": x, "pose": x[4:], "joint": x}.get(kind)
-
-
-def _velocity(x_0: np.ndarray, x_1: np.ndarray, kind: str) -> np.ndarray:
+def _difference(x_0: np.ndarray, x_1: np.ndarray, kind: str) -> np.ndarray:
     """What leads from one target to the next in a unit of time, as in v_d."""
-    if kind in ("position", "joint"):
+    if not _TURNS[kind]:
         return x_1 - x_0
     turn = (_rotation(x_1) * _rotation(x_0).inv()).as_rotvec()
-    return turn if kind == "orientation" else np.concatenate((turn, x_1[4:] - x_0[4:]))
+    return np.concatenate((turn, x_1[4:] - x_0[4:]))
 
 
-def _extrapolated(
-    track: _Track, age: float, kind: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """Entries of x_d and rows of v_d, `age` after the target came."""
-    if age >= track.interval:
-        age, v = track.interval, np.zeros_like(track.v)
-    else:
-        v = track.v
-    moved = age * track.v
-    if kind in ("position", "joint"):
-        return track.x + moved, v
-    quaternion = _turned(track.x, moved[:3])
-    if kind == "orientation":
-        return quaternion, v
-    return np.concatenate((quaternion, track.x[4:] + moved[3:])), v
-
-
-def _turned(x: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    """The quaternion (4,) at the beginning of x, turned by phi (3,) in the world."""
-    return (Rotation.from_rotvec(phi) * _rotation(x)).as_quat()[[3, 0, 1, 2]]
+def _moved(x: np.ndarray, way: np.ndarray, kind: str) -> np.ndarray:
+    """Where a way as of `_difference` leads."""
+    if not _TURNS[kind]:
+        return x + way
+    turned = Rotation.from_rotvec(way[:3]) * _rotation(x)
+    return np.concatenate((turned.as_quat()[[3, 0, 1, 2]], x[4:] + way[3:]))
 
 
 def _rotation(x: np.ndarray) -> Rotation:
+    """Of the quaternion at the beginning of x."""
     return Rotation.from_quat(x[[1, 2, 3, 0]])

@@ -1,5 +1,7 @@
-"""How `crar-drake play` ends: the question on a terminal, and Ctrl-C once and twice."""
+"""How `crar-drake play` ends: what is kept, whoever goes away, and by Ctrl-C twice."""
 
+import os
+import pty
 import re
 import signal
 import socket
@@ -7,22 +9,22 @@ import subprocess
 import sys
 import urllib.request
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
 from crar_drake.commands import main
 from crar_drake.play.live_simulation import LiveSimulation
-from crar_drake.play.session import PlaySession
 from crar_drake.results.log import SimulationLog
 
 KEPT = "out/obstacle_arm_play"
+FILES = ["log.npz", "plot.png", "recording.html", "summary.json"]
 
 
 @pytest.fixture
-def terminal(monkeypatch, tmp_path):
-    """An empty folder, somebody at a terminal, and a picture that takes no time."""
+def folder(monkeypatch, tmp_path):
+    """An empty one, and a picture that takes no time."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
     monkeypatch.setattr(
         "crar_drake.results.plots.plot_run", lambda log, path, scenario: path.touch()
     )
@@ -61,9 +63,7 @@ def test_an_empty_message_to_meshcat_loses_nothing(tmp_path):
                     socket.create_connection(("127.0.0.1", port), timeout=60).close()
         out, err = process.communicate(timeout=300)
     assert process.returncode == 0, err
-    assert {path.name for path in (tmp_path / "kept").iterdir()} == {
-        *("log.npz", "plot.png", "recording.html", "summary.json")
-    }
+    assert names(tmp_path / "kept") == FILES
     assert SimulationLog.load(tmp_path / "kept" / "log.npz").time[-1] >= 1.9
     assert "recording.html" in out
 
@@ -72,55 +72,69 @@ def ctrl_c() -> None:
     signal.raise_signal(signal.SIGINT)
 
 
-def answering(monkeypatch, answer) -> list[str]:
-    """Lets somebody answer; the questions."""
-    asked = []
-
-    def say(question: str) -> str:
-        asked.append(question)
-        return answer()
-
-    monkeypatch.setattr("builtins.input", say)
-    return asked
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
 
 
-def test_the_question_is_answered_by_no(terminal, monkeypatch, capsys):
-    asked = answering(monkeypatch, lambda: " N ")
-    assert play("--duration", "0.02") == 0
-    assert asked == [f"keep the recording in {KEPT}? [Y/n] "]
-    assert "nothing is kept" in capsys.readouterr().out
-    assert not list(terminal.iterdir())
-
-
-def end_of_input() -> str:
-    raise EOFError
-
-
-def test_no_answer_keeps_it(terminal, monkeypatch, capsys):
+def test_it_is_kept_unasked(folder, monkeypatch, capsys):
     monkeypatch.setattr(
         "crar_drake.results.playback.record_log", lambda log, path, **_: path.touch()
     )
-    answering(monkeypatch, end_of_input)
     assert play("--duration", "0.02") == 0
-    names = sorted(path.name for path in (terminal / KEPT).iterdir())
-    assert names == ["log.npz", "plot.png", "recording.html", "summary.json"]
-    assert "recording.html" in capsys.readouterr().out
+    assert names(folder / KEPT) == FILES
+    assert f"{KEPT}/recording.html" in capsys.readouterr().out
 
 
-def test_ctrl_c_at_the_question_keeps_the_log_and_makes_no_page(
-    terminal, monkeypatch, capsys
-):
-    answering(monkeypatch, ctrl_c)
-    assert play("--duration", "0.02") == 130
-    assert sorted(p.name for p in (terminal / KEPT).iterdir())[0] == "log.npz"
-    assert not (terminal / KEPT / "recording.html").exists()
-    told = capsys.readouterr().err
-    assert f"crar-drake playback {KEPT}/log.npz makes a page" in told
+@pytest.mark.slow
+@pytest.mark.parametrize("gone", ["terminal", "reader", "from the first"])
+def test_whoever_goes_away_takes_nothing_along(gone, tmp_path):
+    """A terminal, with two SIGHUPs; `| head`; and `>&- 2>&-`."""
+
+    def begin() -> None:
+        for number in (signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, signal.SIG_DFL)
+        if gone == "from the first":
+            os.close(1)
+            os.close(2)
+
+    ours, theirs = pty.openpty() if gone == "terminal" else os.pipe()
+    command = [sys.executable, "-m", "crar_drake", "play", "obstacle_arm"]
+    command += ["--no-browser", "--port", "0", "--save", "kept"]
+    if gone == "from the first":
+        command += ["--duration", "0.5"]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stdout=theirs, stderr=theirs, preexec_fn=begin
+    )
+    os.close(theirs)
+    with open(ours) as lines:
+        if gone != "from the first":
+            assert lines.readline().startswith("http://")
+    if gone == "terminal":
+        process.send_signal(signal.SIGHUP)
+        process.send_signal(signal.SIGHUP)
+    elif gone == "reader":
+        process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=300) == 0
+    assert names(tmp_path / "kept") == FILES
+    assert len(SimulationLog.load(tmp_path / "kept" / "log.npz").time)
 
 
-@pytest.mark.parametrize("where", ["in a step", "at the end", "after the end"])
-def test_ctrl_c_twice_keeps_the_log(terminal, monkeypatch, capsys, where):
-    """In a step that does not end, while the page is told, and once more after that."""
+def test_a_defect_loses_nothing(folder, monkeypatch):
+    def step(self: LiveSimulation) -> None:
+        raise ZeroDivisionError("a defect of ours")
+
+    monkeypatch.setattr(LiveSimulation, "step", step)
+    monkeypatch.setattr(
+        "crar_drake.results.playback.record_log", lambda log, path, **_: path.touch()
+    )
+    with pytest.raises(ZeroDivisionError):
+        play()
+    assert names(folder / KEPT) == FILES
+
+
+@pytest.mark.parametrize("where", ["in a step", "after the end"])
+def test_ctrl_c_twice_keeps_the_log(folder, monkeypatch, capsys, where):
+    """In a step that does not end; and while it is found out what to keep."""
     usual = LiveSimulation.step
 
     def step(self: LiveSimulation) -> None:
@@ -131,23 +145,15 @@ def test_ctrl_c_twice_keeps_the_log(terminal, monkeypatch, capsys, where):
                 ctrl_c()
                 pytest.fail("the step should be left")
 
-    usual_end, closed = PlaySession.end, []
-
-    def end(self: PlaySession, told: str = "") -> None:
-        closed.append(told)
-        usual_end(self, told)
-        if where != "in a step" and len(closed) == 1:
-            ctrl_c()
-
     usual_log = LiveSimulation.logged_scenario
 
     def logged_scenario(self: LiveSimulation):
         if where == "after the end":
+            signal.raise_signal(signal.SIGHUP)  # which is nothing new
             ctrl_c()
         return usual_log(self)
 
     monkeypatch.setattr(LiveSimulation, "step", step)
-    monkeypatch.setattr(PlaySession, "end", end)
     monkeypatch.setattr(LiveSimulation, "logged_scenario", logged_scenario)
     made = []
     monkeypatch.setattr(
@@ -155,10 +161,13 @@ def test_ctrl_c_twice_keeps_the_log(terminal, monkeypatch, capsys, where):
         lambda log, path, **_: (path.touch(), made.append(path)),
     )
     status = play("--save", "kept")
-    log = SimulationLog.load(terminal / "kept" / "log.npz")
+    log = SimulationLog.load(folder / "kept" / "log.npz")
     assert log.time[-1] == pytest.approx(0.045)
-    assert (terminal / "kept" / "summary.json").exists()
     # In a step the second one was used up; else it says that there is no time.
     assert status == (0 if where == "in a step" else 130)
     assert bool(made) == (where == "in a step")
-    assert "Traceback" not in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "Traceback" not in told
+    if where == "after the end":
+        assert names(folder / "kept") == ["log.npz"]
+        assert "crar-drake playback kept/log.npz makes a page" in told

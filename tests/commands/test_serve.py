@@ -2,6 +2,7 @@
 
 import json
 import os
+import pty
 import re
 import signal
 import socket
@@ -16,11 +17,10 @@ import numpy as np
 import pytest
 
 from crar_drake.commands import main, serve
-from crar_drake.commands.serve import GATE, NeverWaiting
+from crar_drake.commands.serve import tell_at_once
 from crar_drake.errors import CrarError
 from crar_drake.law.compilation import COMPILING
 from crar_drake.teleoperation.serving import make_server
-from crar_drake.teleoperation.target_stream import Gate
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "teleoperate.py"
 
@@ -66,7 +66,7 @@ def test_a_robot_that_lags_and_loses_messages_in_another_process():
             stdout=subprocess.PIPE,
             text=True,
         )
-        while not server.robot.positions:
+        while server._start_measured:
             assert thread.is_alive() and robot.poll() is None
             time.sleep(0.05)
         client = subprocess.run(
@@ -89,9 +89,13 @@ def test_a_robot_that_lags_and_loses_messages_in_another_process():
     assert "rad or m at most" in "\n".join(server.statistics.lines())
 
 
-def swinging(process) -> tuple[socket.socket, list[dict]]:
-    """A client whose targets have brought the robot to 1 rad/s, and what it heard."""
-    port = int(re.search(r":(\d+)$", process.stdout.readline()).group(1))
+def swinging(line: str) -> tuple[socket.socket, list[dict]]:
+    """A client whose targets have brought the robot to 1 rad/s, and what it heard.
+
+    Args:
+        line: the server's first.
+    """
+    port = int(re.search(r":(\d+)$", line).group(1))
     client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     client.connect(("127.0.0.1", port))
     client.settimeout(60.0)
@@ -107,44 +111,72 @@ def fastest(command: dict) -> float:
     return np.abs(command["velocities"]).max()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "first, second",
-    [
-        ("SIGINT", None),
-        ("SIGINT", "SIGHUP"),
-        ("SIGTERM", "SIGINT"),
-        ("SIGHUP", "SIGTERM"),
-    ],
-)
-def test_a_signal_brakes_and_a_second_one_ends_at_once(first, second):
-    def heeds():  # also where whoever runs the tests ignores them
-        for each in ("SIGINT", "SIGTERM", "SIGHUP"):
-            signal.signal(getattr(signal, each), signal.SIG_DFL)
+def heeds() -> None:
+    """Also where whoever runs the tests ignores them."""
+    for each in ("SIGINT", "SIGTERM", "SIGHUP"):
+        signal.signal(getattr(signal, each), signal.SIG_DFL)
 
-    process = subprocess.Popen(
+
+def serving(stdout: int, stderr: int) -> subprocess.Popen:
+    return subprocess.Popen(
         [sys.executable, "-m", "crar_drake", "serve", "--port", "0"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeds,
+        stdout=stdout, stderr=stderr, text=True, preexec_fn=heeds,
     )  # fmt: skip
-    client, heard = swinging(process)
-    process.send_signal(getattr(signal, first))
-    while heard[-1]["status"] != "braking":
-        heard.append(json.loads(client.recv(65536)))
-    if second:
-        process.send_signal(getattr(signal, second))
-    out, err = process.communicate(timeout=120)
+
+
+def last_heard(client: socket.socket, heard: list[dict]) -> dict:
+    """The last command of a server that has ended."""
     client.settimeout(0.2)
     try:
         while True:
             heard.append(json.loads(client.recv(65536)))
     except OSError:  # nothing more, or nobody there
         client.close()
-    if second:
+    return heard[-1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "first, others",
+    [
+        ("SIGINT", []),
+        ("SIGHUP", ["SIGHUP", "SIGTERM", "SIGHUP"]),
+        ("SIGINT", ["SIGHUP"]),
+        ("SIGTERM", ["SIGINT"]),
+    ],
+)
+def test_a_signal_brakes_and_only_ctrl_c_again_ends_at_once(first, others):
+    process = serving(subprocess.PIPE, subprocess.PIPE)
+    client, heard = swinging(process.stdout.readline())
+    process.send_signal(getattr(signal, first))
+    while heard[-1]["status"] != "braking":
+        heard.append(json.loads(client.recv(65536)))
+    for other in others:
+        process.send_signal(getattr(signal, other))
+    out, err = process.communicate(timeout=120)
+    last = last_heard(client, heard)
+    if others == ["SIGINT"]:
         assert process.returncode == 130 and "ended in motion" in err
-        assert fastest(heard[-1]) > 0.01
+        assert fastest(last) > 0.01
     else:
         assert process.returncode == 0 and not err and "steps:" in out
-        assert heard[-1]["status"] == "braking" and fastest(heard[-1]) < 0.01
+        assert last["status"] == "braking" and fastest(last) < 0.01
+
+
+@pytest.mark.slow
+def test_a_terminal_that_is_closed_brakes():
+    """It takes stdout and stderr with it, and sends two SIGHUPs."""
+    terminal, theirs = pty.openpty()
+    process = serving(theirs, theirs)
+    os.close(theirs)
+    with open(terminal) as lines:
+        client, heard = swinging(lines.readline())
+    process.send_signal(signal.SIGHUP)
+    process.send_signal(signal.SIGHUP)
+    process.wait(timeout=120)
+    last = last_heard(client, heard)
+    assert process.returncode == 0
+    assert last["status"] == "braking" and fastest(last) < 0.01
 
 
 @pytest.mark.parametrize("reader", ["goes away", "does not read"])
@@ -153,9 +185,8 @@ def test_whoever_reads_its_lines_cannot_hold_it(reader, monkeypatch):
     if reader == "goes away":
         os.close(theirs)
     monkeypatch.setattr(serve, "_STDERR", ours)
-    told = NeverWaiting()
     for _ in range(1000):  # a pipe takes 64 kB
-        told.write("x" * 1000)
+        tell_at_once("x" * 1000)
     if reader == "does not read":
         assert os.read(theirs, 2).startswith(b"x")
 
@@ -173,26 +204,18 @@ def test_it_says_that_it_compiles(monkeypatch, capfd):
         raise CrarError("made")
 
     monkeypatch.setattr("crar_drake.teleoperation.serving.make_server", make)
-    monkeypatch.setattr(serve, "NeverWaiting", Printing)
     assert main(["serve"]) == 2
     assert COMPILING in capfd.readouterr().err
-
-
-class Printing:
-    def write(self, line: str) -> None:
-        print(line, file=sys.stderr)
-
-
-def test_the_defaults_are_those_of_the_gate():
-    assert Gate(**{name: default for name, (_, default, _) in GATE.items()}) == Gate()
 
 
 def test_a_start_posture_that_is_none(tmp_path, capsys):
     file = tmp_path / "start.json"
     wrong = {
-        "[1.0]": 'give {"joint": position, ...}',
-        '{"left_elbow": true}': 'give {"joint": position, ...}',
-        '{"left_elbow": NaN}': 'give {"joint": position, ...}',
+        "[1.0]": "no JSON object",
+        "{}": 'give {"joint": position, ...}',
+        '{"left_elbow": true}': "is no number",
+        '{"left_elbow": NaN}': "NaN is no number",
+        '{"left_elbow": 1%s}' % ("0" * 400): "is not from -1000 to 1000",
         "{": "Expecting property name",
         "[" * 100_000: "recursion",
         '{"left_elbow": 1.0}': "beyond its limits",

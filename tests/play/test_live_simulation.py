@@ -7,13 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.geometry import Meshcat
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from crar_drake.errors import CrarError, ModelError
 from crar_drake.judging.obstacle_judge import ObstacleJudge
 from crar_drake.judging.referee import Referee
 from crar_drake.law.parameters import with_constraints
+from crar_drake.play.live_scene import LiveScene
 from crar_drake.play.live_simulation import LiveSimulation
+from crar_drake.play.pacing import Pacer
 from crar_drake.play.recorder import OVER_TIME
 from crar_drake.results.certificate import judge_certificate
 from crar_drake.results.obstacles import judge_obstacles
@@ -191,6 +194,33 @@ def test_the_ball_is_dragged_no_faster_than_it_may_and_kept_off():
     )
     assert figures["your ball"].contact_samples >= touched
     assert figures["your ball"].fast_contacts == 0
+
+
+def test_what_is_beyond_a_limit_is_never_called_clear_and_is_left():
+    """A push that leads an elbow 2 rad beyond, where the hand is caught behind the
+    upper arm, if joints do not stop at their limits."""
+    live = LiveSimulation(scenario())
+    steps(live, 60)
+    live.set_motion(False)
+    steps(live, 25)
+    scene, model = LiveScene(live, Meshcat()), live.model
+    live.push("left_forearm", np.array([-310.7125, 79.962, 106.8492]))
+    farthest = 0.0
+    for k in range(300):
+        live.step()
+        q = live.positions()[model.controlled_positions]
+        beyond = np.maximum(model.lower - q, q - model.upper).max()
+        farthest = max(farthest, beyond)
+        if beyond > 1e-6 or k % 10 == 0:
+            kind, words = scene.frame(Pacer(0.0), 0.0, "")["promise"]
+            assert kind == "broken" or beyond <= 1e-6
+    assert beyond < 0.0 and farthest < 0.1
+    assert (kind, words) == ("holds", "lookahead: the way to brake is clear")
+    # Put there by hand: it is said, whatever pairs let it do.
+    elbow, q = model.joint_names.index("left_elbow"), live.positions()
+    q[model.controlled_positions[elbow]] = model.upper[elbow] + 0.5
+    live.plant.SetPositions(live._plant_context, q)
+    assert scene.frame(Pacer(0.0), 0.0, "")["promise"][0] == "broken"
 
 
 def test_the_oldest_pieces_are_dropped(live, monkeypatch):

@@ -8,12 +8,13 @@ import pytest
 
 from crar_drake.errors import ScenarioError
 from crar_drake.law.obstacles import Obstacles
+from crar_drake.strict_json import MessageError
 from crar_drake.teleoperation import server as module
+from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.heard_obstacles import MOST, HeardObstacles
-from crar_drake.teleoperation.messages import Heard, MessageError, ObstacleMessage
+from crar_drake.teleoperation.messages import Heard, ObstacleMessage
 from crar_drake.teleoperation.server import TeleoperationServer
 from crar_drake.teleoperation.serving import make_server
-from crar_drake.teleoperation.target_stream import Gate
 
 
 class Loop:
@@ -27,7 +28,8 @@ class Loop:
     def tick(self, joints, measured=None):
         """Says where joints are to be and where they are, and takes a step."""
         named = {name: {"position": float(x)} for name, x in joints.items()}
-        self.client.send(json.dumps({"targets": named}).encode())
+        if named:
+            self.client.send(json.dumps({"targets": named}).encode())
         q = self.motion.q if measured is None else measured
         said = {"measured": dict(zip(self.names, q.tolist(), strict=True))}
         self.client.send(json.dumps(said).encode())
@@ -64,6 +66,9 @@ def loop(made, monkeypatch):
 def test_what_is_safe_is_commanded_as_it_is(loop):
     """An elbow that swings slowly, heard 100 times a second; the others stay."""
     home, elbow = loop.motion.q.copy(), loop.names.index("left_elbow")
+    for _ in range(50):  # until it is blended in
+        loop.tick({"left_elbow": home[elbow]})
+        loop.client.recv(65536)
     targets = home[elbow] - 0.2 * np.sin(np.arange(200) * 0.01) ** 2
     for k, x in enumerate(targets):
         command = loop.tick({"left_elbow": x})
@@ -77,6 +82,24 @@ def test_what_is_safe_is_commanded_as_it_is(loop):
         assert answer["why"] is None and answer["status"] == "tracking"
 
 
+def test_targets_are_blended_in_after_a_gap(loop):
+    """Half a second at first, and again, however fast a joint could go."""
+    home, elbow = loop.motion.q[loop.names.index("left_elbow")], "left_elbow"
+    at = loop.names.index(elbow)
+    for start, goal in ((home, home - 0.3), (home - 0.3, home)):
+        commands = [loop.tick({elbow: goal}) for _ in range(60)]
+        way = np.array([c.positions[at] for c in commands]) - start
+        statuses = [c.status for c in commands]
+        assert set(statuses[:49]) == {"blending"} and set(statuses[50:]) == {"tracking"}
+        # The quintic that begins and ends at rest, a period on.
+        t = np.minimum(np.arange(1, 61) * loop.server.period / 0.5, 1.0)
+        smooth = t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
+        np.testing.assert_allclose(way, smooth * (goal - start), atol=1e-3)
+        for _ in range(40):
+            command = loop.tick({})
+        assert command.status == "braking"
+
+
 def test_without_targets_nothing_is_held_back(loop):
     command = loop.tick({})
     assert command.status == "braking" and command.why is None
@@ -88,7 +111,7 @@ def test_it_brakes_where_the_robot_does_not_follow(loop):
         loop.tick({"left_elbow": home[elbow] - 0.8}, measured=home).status
         for _ in range(100)
     ]
-    assert statuses[0] == "tracking" and statuses[-1] == "braking"
+    assert statuses[0] == "blending" and statuses[-1] == "braking"
     moved = abs(loop.motion.q[elbow] - home[elbow])
     # Off by as much as is allowed, and what it takes to brake from 3 rad/s.
     assert 0.2 < moved < 0.2 + 3.0 * 0.1 and loop.motion.at_rest
@@ -153,10 +176,11 @@ def test_obstacles_grow_until_they_are_taken_away():
     many = {str(k): told for k in range(MOST)}
     with pytest.raises(MessageError, match="more than"):
         heard.hear(ObstacleMessage(many), 12.0)
-    assert len(heard) == 2
+    assert len(heard) == MOST and "98, 99" in heard.reason_to_brake
     heard.hear(ObstacleMessage({"person": None, "cart": None}), 12.0)
+    assert heard.reason_to_brake is not None, "it is not known where they are"
     heard.hear(ObstacleMessage(many), 12.0)
-    assert len(heard.at(12.0)) == MOST
+    assert len(heard.at(12.0)) == MOST and heard.reason_to_brake is None
 
 
 def test_what_cannot_be_begun(made):

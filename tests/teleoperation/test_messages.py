@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from crar_drake.law.tasks import TaskLayout
+from crar_drake.strict_json import MessageError
 from crar_drake.teleoperation.messages import (
     LONGEST,
     Command,
     Describe,
     Heard,
-    MessageError,
     as_targets,
     parse,
 )
@@ -63,15 +63,17 @@ def test_targets_of_each_kind():
         (of({"wrist": {"position": [0, 0, "0"]}}), "'0' is no number"),
         (of({"wrist": {"position": [0, 0, True]}}), "'True' is no number"),
         (of({"wrist": {"position": [0, 0, None]}}), "'None' is no number"),
-        (of({"wrist": {"position": [0, 0, 1e9]}}), "beyond all sense"),
-        (of({"wrist": {"position": [0, 0, 10**400]}}), "beyond all sense"),
+        (of({"wrist": {"position": [0, 0, 1e9]}}), "is not from -1000 to 1000"),
+        (of({"wrist": {"position": [0, 0, 10**400]}}), "is not from"),
         (b'{"targets": {"wrist": {"position": [0, 0, NaN]}}}', "NaN is no number"),
-        (b'{"targets": {"wrist": {"position": [0, 0, 1e999]}}}', "beyond all sense"),
+        (b'{"targets": {"wrist": {"position": [0, 0, 1e999]}}}', "is not from"),
         (b'{"targets": {"wrist": {"position": [0,0,0], "position": 1}}}', "twice"),
         (of({"gaze": {"orientation": [0, 0, 0, 0]}}), "length 0"),
         (of({"gaze": {"orientation": [1e3, 0, 0, 0]}}), "length 1e"),
         (of({"hand": {"position": [0, 0, 0]}}), "orientation and position"),
         (of({"wrist": {"position": [0, 0, 0]}}, time="now"), "'now' is no number"),
+        (of({"wrist": {"position": [0, 0, 0]}}, time=10**400), "is not from"),
+        (rb'{"obstacles": {"\ud800": null}}', "no valid Unicode"),
         (b'{"time": -Infinity, "targets": {}}', "no JSON"),
         (b'{"describe": 1, "targets": {}}', "targets"),
     ],
@@ -88,6 +90,7 @@ def test_obstacles_by_name():
         "person": Heard((1.0, -2.5, 0.0), 0.3, 1.6),
         "trolley": None,
     }
+    assert parse(b'{"obstacles": null}', LAYOUT).obstacles is None
 
 
 @pytest.mark.parametrize(
@@ -104,8 +107,8 @@ def test_obstacles_by_name():
             "position, radius and speed",
         ),
         ({"a": {"position": [0, 0], "radius": 1, "speed": 1}}, "3 numbers"),
-        ({"a": {"position": [0, 0, 1e9], "radius": 1, "speed": 1}}, "beyond all"),
-        ({"a": {"position": [0, 0, 0], "radius": -1, "speed": 1}}, "negative"),
+        ({"a": {"position": [0, 0, 1e9], "radius": 1, "speed": 1}}, "is not from"),
+        ({"a": {"position": [0, 0, 0], "radius": -1, "speed": 1}}, "from 0 to"),
         ({"a": {"position": [0, 0, 0], "radius": 1, "speed": True}}, "no number"),
     ],
 )
@@ -144,6 +147,9 @@ def test_a_command_as_a_line():
     assert line.endswith(b"}\n") and line.count(b"\n") == 1
     said = json.loads(line)
     assert said["positions"] == [0.1, -2.0] and said["torques"] == [0.1]
+    stamped = replace(command, of=1 / 3).to_line("late")
+    assert json.loads(stamped)["of"] == 1 / 3, "a client looks for it"
+    assert (said["rejected"], json.loads(stamped)["rejected"]) == (None, "late")
     nothing_watched = replace(command, distance=float("inf")).to_line()
     assert json.loads(nothing_watched)["distance"] is None
     assert (said["of"], said["status"], said["admitted"]) == (None, "braking", "scaled")

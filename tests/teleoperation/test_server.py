@@ -15,13 +15,13 @@ import pytest
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.law.parameters import PaperParameters
 from crar_drake.teleoperation import server as module
+from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.heard_obstacles import HeardObstacles
-from crar_drake.teleoperation.messages import MessageError
-from crar_drake.teleoperation.newest_messages import EACH, SENDERS, NewestMessages
+from crar_drake.teleoperation.inbox import BYTES, LINES, Inbox
+from crar_drake.teleoperation.messages import LONGEST
 from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer
 from crar_drake.teleoperation.serving import make_server
-from crar_drake.teleoperation.target_stream import Gate
 
 WAIT = 120.0  # [s] for an answer, which may have to be compiled on a busy computer
 
@@ -83,7 +83,7 @@ def test_targets_are_followed_and_lost_ones_brake(server, client, monkeypatch):
     assert set(statuses[lost + 1 :]) == {"braking"}
     assert np.abs(server.motion.v).max() < 1e-3
     np.testing.assert_array_equal(answer["positions"], server.motion.q.round(9))
-    assert server.statistics.latency.count == 150
+    assert len(server.statistics.latency) == 150
 
 
 def test_obstacles_are_kept_off_until_they_are_taken_away(server, client, monkeypatch):
@@ -134,11 +134,93 @@ def test_obstacles_are_kept_off_until_they_are_taken_away(server, client, monkey
     assert server.motion.model.n_p  # the waist is prescribed, and stands
 
 
-def test_a_robot_that_keeps_off_none_says_why(server, client, monkeypatch):
-    server.obstacles = HeardObstacles("its root floats")
-    client.send(b'{"obstacles": {"Ann": null}}')
+def hear(server) -> None:
+    """Takes what has arrived, and reads it."""
     server._receive()
-    assert server.statistics.last_error == "its root floats"
+    server._read()
+
+
+def ann(x: float) -> dict:
+    return {"position": [x, 0.0, 1.0], "radius": 0.3, "speed": 0.0}
+
+
+def obstacles(**told) -> bytes:
+    return json.dumps({"obstacles": told}).encode()
+
+
+def test_an_obstacle_too_many_brakes_until_there_is_room(server, client, monkeypatch):
+    """A hundred stale ones, and a person: who is ignored is told of in the replies."""
+    now = 0.0
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    there = server.motion.where()[:3] + [0.0, 0.0, 0.05]
+
+    def command(*messages: bytes) -> dict:
+        nonlocal now
+        for message in (targets(now, left_wrist=there), *messages):
+            client.send(message)
+        server._receive()
+        server.tick(now)
+        now += server.period
+        return json.loads(client.recv(65536))
+
+    for k in range(10):
+        stale = {f"stale {10 * k + i}": ann(50.0) for i in range(10)}
+        said = command(obstacles(**stale))
+    assert said["status"] == "blending" and said["rejected"] is None
+    said = command(obstacles(person=ann(0.6)))
+    assert said["status"] == "braking" and said["why"] == "obstacle refused: person"
+    assert "more than 100 obstacles" in said["rejected"]
+    said = command()
+    assert said["status"] == "braking" and said["rejected"] is None
+    # One who is known is heard of all the same; with room all are taken.
+    command(obstacles(**{"stale 7": None}))
+    said = command(obstacles(person=ann(0.6)))
+    assert said["status"] == "blending" and said["why"] != "obstacle refused: person"
+    said = command(obstacles(other=ann(0.6)))
+    assert said["why"] == "obstacle refused: other"
+    assert command(b'{"obstacles": null}')["status"] == "blending"
+    assert len(server.obstacles) == 0
+    assert server.statistics.messages["refused"] == 2
+
+
+def test_a_robot_that_keeps_off_none_stops_for_all(server, client):
+    server.obstacles = HeardObstacles("its root floats")
+    client.send(obstacles(Ann=ann(1.0)))
+    server._receive()
+    assert server.tick(0.0).why == "obstacle refused: Ann"
+    assert json.loads(client.recv(65536))["rejected"] == "its root floats"
+    client.send(obstacles(Ann=None))
+    server._receive()
+    assert server.tick(0.01).why is None
+
+
+def test_replies_say_what_was_not_taken(server, client, monkeypatch):
+    monkeypatch.setattr(module.time, "monotonic", lambda: 0.0)
+    x, y, z = server.motion.where()[:3]
+
+    def rejected(message: bytes) -> str | None:
+        client.send(message)
+        server._receive()
+        server.tick(0.0)
+        return json.loads(client.recv(65536))["rejected"]
+
+    assert "no JSON" in rejected(b"{")
+    assert f"longer than {LONGEST}" in rejected(b"x" * (LONGEST + 1))
+    assert "is not from" in rejected(
+        b'{"measured": {"left_elbow": 1%s}}' % (b"0" * 400)
+    )
+    assert rejected(targets(1.0, left_wrist=[x, y, z])) is None
+    assert rejected(targets(1.0, left_wrist=[x, y, z])) == "left_wrist: late"
+    assert rejected(targets(2.0, left_wrist=[x + 9, y, z])) == "left_wrist: rejected"
+    assert rejected(b'{"drive": true}') is None
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.connect(server.address)
+        other.settimeout(WAIT)
+        other.send(targets(1.0, left_wrist=[x, y, z]))
+        hear(server)
+        server.tick(0.0)
+        said = json.loads(other.recv(65536))
+    assert said["rejected"] == f"{said['driver']} drives"
 
 
 def test_a_robot_that_does_not_follow_is_braked_for(made, monkeypatch):
@@ -148,8 +230,7 @@ def test_a_robot_that_does_not_follow_is_braked_for(made, monkeypatch):
     monkeypatch.setattr(module.time, "monotonic", lambda: now)
     motion.begin({})
     server = TeleoperationServer(motion, Gate(), latency=0.02, tracking_error=0.05)
-    joints = list(motion.model.joint_names)
-    at = motion.model.controlled_positions[: motion.model.n]
+    joints = list(motion.model.position_names)
     layout, home = motion.model.layout, motion.where()
     p = layout.unpack(home).p[0]
     states, said, statuses, stayed = [motion.q] * 3, [], [], None
@@ -164,9 +245,10 @@ def test_a_robot_that_does_not_follow_is_braked_for(made, monkeypatch):
                 if k == 100:
                     stayed = states[0]
                 robot = stayed if 100 <= k < 200 else states[0]
-                measured = dict(zip(joints, robot[at].tolist(), strict=True))
-                if k < 300:
-                    client.send(json.dumps({"measured": measured}).encode())
+                measured = list(zip(joints, robot.tolist(), strict=True))
+                # Its arms speak for themselves, the wrong one first.
+                for some in (measured[::2], measured[1::2]) if k < 300 else ():
+                    client.send(json.dumps({"measured": dict(some)}).encode())
                 server._receive()
                 command = server.tick(now)
                 # What is measured now is what was commanded for 20 ms ago.
@@ -183,32 +265,40 @@ def test_a_robot_that_does_not_follow_is_braked_for(made, monkeypatch):
     assert statuses[280] == "tracking", "the robot was back"
     silent = 300 + round(server.stream.gate.timeout / server.period)
     assert statuses[silent - 2] == "tracking" and statuses[silent + 2] == "braking"
-    assert server.statistics.not_followed == statuses.count("braking") + 1
+    assert server.statistics.stopped == statuses.count("braking") + 1
     assert server.statistics.largest_error == max(said[1:])
 
 
 def test_it_begins_where_the_robot_says_it_is(made, monkeypatch):
-    motion = made.motion
+    """Once all joints are heard, in messages of their own, and lately."""
+    now, motion = 0.0, made.motion
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
     motion.begin({})
     server = TeleoperationServer(motion, Gate(), start_measured=True)
-    name = motion.model.joint_names[-1]
-    at = list(motion.model.position_names).index(name)
-    there = float(motion.q[at]) - 0.1
-    heard = []
+    names = list(motion.model.position_names)
+    there = dict(zip(names, (motion.q - 0.01).tolist(), strict=True))
+    periods, heard, told = 0, [], []
+
+    def wait(tick: float) -> None:
+        """One joint a period, the first of them again after a while."""
+        nonlocal now, periods
+        now, periods = tick, periods + 1
+        if periods > 40:  # till then it is silent
+            name = names[periods % len(names)]
+            client.send(json.dumps({"measured": {name: there[name]}}).encode())
+        server._receive()
+
+    monkeypatch.setattr(server, "_wait", wait)
     monkeypatch.setattr(server, "_send", lambda command, now: heard.append(command))
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
-            client.connect(server.address)
-            client.send(json.dumps({"measured": {name: there}}).encode())
-            while len(heard) < 2:
-                time.sleep(0.01)
-    finally:
-        server.stop()
-        thread.join()
-        server.close()
-    assert heard[0].positions[at] == pytest.approx(there, abs=1e-9)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.connect(server.address)
+        client.send(json.dumps({"measured": {names[0]: there[names[0]]}}).encode())
+        server.run(1.0, told.append, 0.1)
+    server.close()
+    assert told[0].startswith("waits for the robot to say where it is; not heard: ")
+    assert names[1] in told[0] and names[0] in told[2]
+    assert len(heard) == periods - 40 - len(names) + 1
+    np.testing.assert_allclose(heard[0].positions, motion.q * 0 + list(there.values()))
     motion.begin({})
 
 
@@ -235,7 +325,9 @@ def test_in_a_thread_it_destroys_nothing_of_others(made):
 def test_a_robot_that_is_beyond_its_limits_cannot_begin_there(made):
     motion = made.motion
     server = TeleoperationServer(motion, Gate(), start_measured=True)
-    server.robot.hear({motion.model.joint_names[-1]: 50.0}, 0.0)
+    rest = dict.fromkeys(server.robot.names, 0.0)
+    now = module.time.monotonic()
+    server.robot.hear(rest | {motion.model.joint_names[-1]: 50.0}, now + 60.0)
     try:
         with pytest.raises(ScenarioError, match="beyond its limits"):
             server.run(1.0)
@@ -260,7 +352,7 @@ def test_nobodys_flood_drowns_another_client(server, client, monkeypatch):
             server._receive()
         command = server.tick(now)
         assert command.of == pytest.approx(0.01 * k)
-        assert len(server._newest) == 0
+        assert len(server._inbox) == 0
     messages = server.statistics.messages
     assert messages["taken"] == 60 and messages["flooding"] > 5000
     assert sum(messages.values()) == 60 * 200 + 60
@@ -269,67 +361,67 @@ def test_nobodys_flood_drowns_another_client(server, client, monkeypatch):
 
 
 def test_what_is_kept_of_a_flood_is_bounded():
-    newest, lost = NewestMessages(), 0
-    for k in range(1000):
-        lost += newest.add(b"%d" % k, k % 50, driver=7)
-        assert len(newest) <= EACH * SENDERS
-    assert lost == 1000 - len(newest)
-    kept = list(newest.take(driver=7))
-    assert len(newest) == 0 and kept[0][0] == 7
-    assert list(kept[0][1]) == [b"807", b"857", b"907", b"957"]
-    assert {sender for sender, _ in kept} == {7, *range(43, 50)}
+    inbox, lost = Inbox(), 0
+    for k in range(10_000):
+        lost += inbox.put(b"%d" % k, k % 100, 0.0, driver=7)
+        assert len(inbox) <= LINES * LINES
+    taken, more = inbox.take(lambda sender: sender != 7)
+    assert len(inbox) == 0 and len(taken) == LINES
+    assert lost + more == 10_000 - LINES
+    # The newest of each of those who spoke last, and of who drives, in their order.
+    assert [line.sender for line in taken] == [7, *range(37, 100)]
+    assert [int(line.text) for line in taken] == [9907, *range(9937, 10_000)]
+    # One alone has all of it, and long ones are fewer.
+    for k in range(100):
+        inbox.put(b"%d" % k, "one", 0.0, driver=None)
+    taken, _ = inbox.take(lambda sender: 0)
+    assert [int(line.text) for line in taken] == list(range(36, 100))
+    for k in range(20):
+        inbox.put(b"%4096d" % k, "one", 0.0, driver=None)
+    taken, lost = inbox.take(lambda sender: 0)
+    assert len(taken) == BYTES // 4096 and lost == 20 - len(taken)
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_a_burst_is_read_however_late_it_is(server, client, together, monkeypatch):
+    """64 lines a period, in as many datagrams or in some: none is lost."""
+    now = 0.0
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    x, y, z = server.motion.where()[:3]
+    for k in range(20):
+        lines = [
+            targets(0.01 * k + 1e-4 * i, left_wrist=[x, y, z]) for i in range(LINES)
+        ]
+        size = 16 if together else 1
+        for i in range(0, LINES, size):
+            client.send(b"\n".join(lines[i : i + size]))
+        now = 0.01 * k + 0.5 * (k % 2)  # the step is late
+        server._wait(0.01 * k)
+        server.tick(now)
+    assert server.statistics.messages == {"taken": 20 * LINES}
+    assert server.statistics.targets["late"] == 0
 
 
 def test_several_lines_in_a_datagram_are_as_many_messages(server, client):
     lines = [targets(0.01 * k, left_wrist=[0.2, 0.2, 0.9]) for k in range(5)]
     client.send(b"\n".join([*lines, b"", b"{", lines[0] + b"\n"]))
-    server._receive()
+    hear(server)
     assert server.statistics.messages == {"taken": 6, "malformed": 1}
     assert server.statistics.targets["late"] == 1
-    server.tick(0.0)
     # However short they are, a period has its budget.
     client.send(b"{\n" * 4000)
-    server._receive()
+    hear(server)
     messages = server.statistics.messages
-    assert messages["malformed"] == 1 + 64 and messages["flooding"] == 4000 - 64
-
-
-def test_messages_that_take_long_to_read_do_not_hold_up_the_step(
-    server, client, monkeypatch
-):
-    """A period of 10 ms; each takes 4 ms by a clock that goes on while it is read."""
-    now = 0.0
-    monkeypatch.setattr(module.time, "monotonic", lambda: now)
-
-    def slowly(*_):
-        nonlocal now
-        now += 4e-3
-        raise MessageError("no JSON")
-
-    monkeypatch.setattr(module, "parse", slowly)
-    for _ in range(30):
-        client.send(b"[{}]")
-    server._receive(until=0.01)
-    assert now == pytest.approx(0.012)
-    assert server.statistics.messages == {"malformed": 3, "flooding": 27 - EACH}
-    # Of what is kept the newest is read, and what there is time for.
-    server.tick(now)
-    assert now == pytest.approx(0.020)
-    assert server.statistics.messages == {"malformed": 5, "flooding": 25}
-    for _ in range(3):
-        client.send(b"[{}]")
-    server._receive(until=now - 1.0)
-    assert now == pytest.approx(0.020)
-    server.tick(now)
-    assert server.statistics.messages == {"malformed": 7, "flooding": 26}
+    assert messages["malformed"] == 1 + LINES and messages["flooding"] == 4000 - LINES
 
 
 def test_a_client_that_is_silent_gets_no_more(server, client):
     client.send(b'{"describe": true}')
-    server._receive()
+    hear(server)
     assert json.loads(client.recv(65536))["tasks"] and not server._clients
     client.send(b'{"drive": true}')
-    (now,) = (server._receive(), server._clients[client.getsockname()])[1:]
+    hear(server)
+    now = server._clients[client.getsockname()].heard
     server.tick(now)
     server.tick(now + 6.0)
     assert not server._clients
@@ -337,7 +429,7 @@ def test_a_client_that_is_silent_gets_no_more(server, client):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             other.connect(server.address)
             other.send(b'{"drive": true}')
-            server._receive()
+            hear(server)
     assert len(server._clients) == 8
 
 
@@ -396,12 +488,12 @@ def test_one_client_drives_until_another_asks(server, client, monkeypatch):
 def test_whoever_drives_gets_every_command(server, client):
     """However many others ask for them."""
     client.send(targets(0.0, left_wrist=server.motion.where()[:3]))
-    server._receive()
+    hear(server)
     for _ in range(30):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             other.connect(server.address)
             other.send(targets(0.0, left_wrist=[0.0, 0.0, 0.0]))
-        server._receive()
+        hear(server)
     assert client.getsockname() in server._clients and len(server._clients) == 8
     sent = []
     server._reply = lambda line, to: sent.append(to)
@@ -421,7 +513,7 @@ def test_it_listens_at_an_address_of_ip_version_6(made):
         client.settimeout(WAIT)
         client.send(targets(0.0, left_wrist=[0.3, 0.2, 1.0]))
         while not server._clients:
-            server._receive()
+            hear(server)
         server.tick(0.0)
         driver = json.loads(client.recv(65536))["driver"]
         assert driver == f"[::1]:{client.getsockname()[1]}"

@@ -5,8 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crar_drake.law.tasks import TaskLayout
+from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.messages import TargetMessage
-from crar_drake.teleoperation.target_stream import Gate, RateLimiter, TargetStream
+from crar_drake.teleoperation.target_stream import RateLimiter, TargetStream
 
 LAYOUT = TaskLayout(("wrist", "hand"), ("position", "pose"))
 GATE = Gate(speed=1.0, angular_speed=2.0, distance=0.5, timeout=0.2)
@@ -30,22 +31,23 @@ def hand(angle: float, x: float, time: float) -> TargetMessage:
 
 
 def test_verdicts(stream):
-    assert stream.take(wrist(0.1, 5.0), 0.0, HERE)
-    assert stream.take(wrist(0.11, 5.02), 0.02, HERE)  # 0.5 m/s
-    assert stream.take(wrist(0.2, 5.04), 0.04, HERE)  # 4.5 m/s
-    assert not stream.take(wrist(0.6, 5.06), 0.06, HERE)  # too far from the wrist
-    assert not stream.take(wrist(0.2, 5.03), 0.07, HERE)  # overtaken by a later one
-    assert not stream.take(wrist(0.2, 5.04), 0.07, HERE)  # twice
+    assert stream.take(wrist(0.1, 5.0), 0.0, HERE) == {WRIST: "passed"}
+    assert stream.take(wrist(0.11, 5.02), 0.02, HERE) == {WRIST: "passed"}  # 0.5 m/s
+    assert stream.take(wrist(0.2, 5.04), 0.04, HERE) == {WRIST: "clamped"}  # 4.5 m/s
+    # Too far from the wrist; overtaken by a later one; twice.
+    assert stream.take(wrist(0.6, 5.06), 0.06, HERE) == {WRIST: "rejected"}
+    assert stream.take(wrist(0.2, 5.03), 0.07, HERE) == {WRIST: "late"}
+    assert stream.take(wrist(0.2, 5.04), 0.07, HERE) == {WRIST: "late"}
     assert stream.counts == {"passed": 2, "clamped": 1, "rejected": 1, "late": 2}
     # After a gap a sender may have started again, with another clock.
-    assert stream.take(wrist(0.2, 0.0), 0.5, HERE)
+    assert stream.take(wrist(0.2, 0.0), 0.5, HERE) == {WRIST: "passed"}
     assert stream.counts["passed"] == 3
 
 
 def test_each_sender_has_a_clock_of_its_own(stream):
-    assert stream.take(wrist(0.1, 1e300), 0.0, HERE, "a")
-    assert stream.take(wrist(0.1, 2.0), 0.01, HERE, "b")
-    assert not stream.take(wrist(0.1, 1.0), 0.02, HERE, "b")
+    assert stream.take(wrist(0.1, 1e300), 0.0, HERE, "a") == {WRIST: "passed"}
+    assert stream.take(wrist(0.1, 2.0), 0.01, HERE, "b") == {WRIST: "passed"}
+    assert stream.take(wrist(0.1, 1.0), 0.02, HERE, "b") == {WRIST: "late"}
 
 
 def test_a_turn_that_is_too_fast(stream):

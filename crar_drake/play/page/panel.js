@@ -1,37 +1,23 @@
 // The controls beside the scene, and the words about it.
 
-const FARTHEST = 0.5; // that a slider moves a target [m]; a handle moves it farther
-const PROMISES = {
-  none: "no constraints: nothing is guaranteed",
-  paper: "the paper's constraints: nothing is guaranteed",
-};
-
-// A slider of a quantity, on a logarithmic scale if it cannot be 0.
-function makeSlider(place, { id, name, range, unit, digits = 2, step, onMove }) {
+// A slider of a quantity that is not 0, on a logarithmic scale.
+function makeSlider(place, { id, name, range, unit, digits, onMove }) {
   const [least, most] = range;
-  const logarithmic = least > 0;
-  const scale = logarithmic ? Math.log : x => x;
-  const back = logarithmic ? Math.exp : x => x;
   const label = document.createElement("label");
   label.className = "slider";
   const input = document.createElement("input");
-  Object.assign(input, {
-    type: "range", id, min: scale(least), max: scale(most),
-    step: step || (scale(most) - scale(least)) / 200,
-  });
+  const [min, max] = range.map(Math.log);
+  Object.assign(input, { type: "range", id, min, max, step: (max - min) / 200 });
   const told = document.createElement("output");
   const text = document.createElement("span");
   text.textContent = name;
   label.append(text, input, told);
   place.append(label);
-  const tell = value => {
-    const tiny = value > 0 && value < 0.5 * 10 ** -digits;
-    told.textContent = `${tiny ? value.toExponential(1) : value.toFixed(digits)} ${unit}`;
-  };
+  const tell = value => { told.textContent = `${value.toFixed(digits)} ${unit}`; };
   let touched = -Infinity;
   input.addEventListener("input", () => {
     touched = performance.now();
-    const value = back(Number(input.value));
+    const value = Math.exp(Number(input.value));
     tell(value);
     onMove(value);
   });
@@ -39,11 +25,11 @@ function makeSlider(place, { id, name, range, unit, digits = 2, step, onMove }) 
     // What it stands at, unless a person is moving it.
     show(value) {
       if (performance.now() - touched < 600) return;
-      const at = String(scale(Math.min(Math.max(value, least), most)));
+      const at = String(Math.log(Math.min(Math.max(value, least), most)));
       if (Math.abs(Number(input.value) - Number(at)) > 1e-9) input.value = at;
       tell(value);
     },
-    get value() { return back(Number(input.value)); },
+    get value() { return Math.exp(Number(input.value)); },
   };
 }
 
@@ -54,26 +40,14 @@ function makePanel(data, state, ask) {
 
   const speed = makeSlider(element("speed"), {
     id: "live-speed-slider", name: "speed", range: data.speeds, unit: "×",
-    onMove: value => ask({ do: "speed", value }),
+    digits: 2, onMove: value => ask({ do: "speed", value }),
   });
-  element("task").append(...data.tasks.map((name, i) => option(i, name)));
   element("targets").hidden = !data.tasks.length;
   element("obstacle").hidden = !data.ball;
   if (data.ball)
     element("ball-speed").textContent = `drag the brown ball: ${data.ball.speed} m/s at most`;
   // Hands are what people want to move.
   const hand = names => Math.max(0, names.findIndex(name => /wrist|hand|tool/.test(name)));
-  element("task").selectedIndex = hand(data.tasks);
-  const axes = ["x", "y", "z"].map((name, axis) => makeSlider(element("axes"), {
-    id: `live-${name}`, name, range: [-FARTHEST, FARTHEST], step: 0.005, digits: 3,
-    unit: "m",
-    onMove: value => {
-      const task = Number(element("task").value);
-      const offset = (state.wanted.get(task) || state.frame.offsets[task]).slice();
-      offset[axis] = value;
-      moveTarget(task, offset);
-    },
-  }));
   element("frame").append(...data.frames.map(({ name, label }) => option(name, label)));
   element("frame").selectedIndex = hand(data.frames.map(({ name }) => name));
   const force = makeSlider(element("force"), {
@@ -81,13 +55,10 @@ function makePanel(data, state, ask) {
     digits: 0, onMove: () => {},
   });
   force.show(80);
-  // Until a frame has it, what was asked for last is where the target is.
-  function moveTarget(task, offset) {
-    const value = offset.map(x => Math.min(Math.max(x, -2), 2));
-    state.wanted.set(task, value);
-    element("task").value = task;
-    ask({ do: "offset", task, value });
-  }
+  const within = (place, most) => place.map(x => Math.min(Math.max(x, -most), most));
+  const moveTarget = (task, offset) =>
+    ask({ do: "offset", task, value: within(offset, 2) });
+  const moveBall = place => ask({ do: "ball", value: within(place, 10) });
 
   const click = (name, request) => element(name).addEventListener(
     "click", () => ask(request()));
@@ -95,10 +66,7 @@ function makePanel(data, state, ask) {
   click("step", () => ({ do: "step" }));
   click("stop", () => ({ do: "stop" }));
   click("motion", () => ({ do: "motion", value: !state.frame.motion }));
-  click("home", () => {
-    state.wanted.clear();
-    return { do: "home" };
-  });
+  click("home", () => ({ do: "home" }));
   click("away", () => ({ do: "ball away" }));
   click("push", () => ({
     do: "push", frame: element("frame").value,
@@ -112,26 +80,6 @@ function makePanel(data, state, ask) {
     event.preventDefault();
     element(name).click();
   });
-
-  const spoken = ([obstacle, link]) =>
-    `${obstacle} is near the ${link.replaceAll("_", " ")}`;
-
-  function promise(frame) {
-    const place = element("promise");
-    let [kind, text] = ["open", PROMISES[data.mode]];
-    if (frame.smallest !== null && frame.smallest < 0)
-      [kind, text] = ["broken", `links are inside each other (${data.mode})`];
-    else if (data.mode === "lookahead") {
-      if (frame.holding && frame.clear && !frame.pushed)
-        [kind, text] = ["holds", `lookahead: ${spoken(frame.holding)}, so that it is slow`];
-      else if (frame.pushed) text = "pushed: while a force acts nothing is guaranteed";
-      else if (frame.clear)
-        [kind, text] = ["holds", "lookahead: the way to brake is clear"];
-      else text = "lookahead: on its way back to where the constraints hold";
-    }
-    place.className = kind;
-    place.textContent = text;
-  }
 
   function show(frame) {
     element("time").textContent = `${frame.time.toFixed(2)} s`;
@@ -151,11 +99,7 @@ function makePanel(data, state, ask) {
     element("motion").setAttribute("aria-pressed", String(frame.motion));
     element("motion").textContent = frame.motion ? "motion on" : "motion off";
     speed.show(frame.speed);
-    if (data.tasks.length) {
-      const offset = frame.offsets[Number(element("task").value)];
-      axes.forEach((slider, i) => slider.show(offset[i]));
-    }
-    promise(frame);
+    [element("promise").className, element("promise").textContent] = frame.promise;
     const rows = frame.near.slice(0, 6).map(([pair, d]) => {
       const row = document.createElement("li");
       const name = document.createElement("span");
@@ -174,7 +118,5 @@ function makePanel(data, state, ask) {
     element("notice").hidden = !text;
     element("notice").textContent = text;
   }
-  const moveBall = place => ask({
-    do: "ball", value: place.map(x => Math.min(Math.max(x, -10), 10)) });
   return { show, notice, moveTarget, moveBall };
 }

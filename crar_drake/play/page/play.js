@@ -37,10 +37,9 @@ function start(data) {
   document.documentElement.style.setProperty("--violation", data.colours.violation);
   viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
   viewer.connect(`ws://${location.hostname}:${data.meshcatPort}/`);
-  const state = { frame: null, wanted: new Map(), ended: false, frames: 0 };
+  const state = { frame: null, ended: false, frames: 0 };
   const run = makeLiveRun(data);
   const stage = makeStage(data, [run], element);
-  const chart = makeChart(data, document.getElementById("live-chart"));
   const panel = makePanel(data, state, makeAsk(text => panel.notice(text)));
   const handles = makeHandles(data, stage, run, element, state, panel);
 
@@ -52,14 +51,9 @@ function start(data) {
     }
     state.frame = frame;
     state.frames += 1;
-    for (const [task, wanted] of state.wanted)
-      if (wanted.every((x, i) => Math.abs(x - frame.offsets[task][i]) < 1e-3))
-        state.wanted.delete(task);
     takeFrame(run, frame);
-    chart.add(frame);
     panel.show(frame);
     stage.show(0);
-    chart.draw();
   }
   // The next frame is asked for when this one is drawn, so that none is an old one.
   async function look() {
@@ -79,11 +73,7 @@ function start(data) {
     }
   }
   look();
-  const resized = new ResizeObserver(() => {
-    stage.resize();
-    chart.draw();
-  });
-  resized.observe(element);
+  new ResizeObserver(() => stage.resize()).observe(element);
   stage.resize();
   // For scripts: where it stands.
   window.crar = { state, stage, run, handles, viewer };

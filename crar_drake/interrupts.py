@@ -1,9 +1,10 @@
 """What asks a process to end: Ctrl-C, `kill`, and a terminal that goes away."""
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -79,6 +80,37 @@ def all_as_ctrl_c() -> Iterator[None]:
     asks a command to end, what it did till then is kept."""
     with _handling(Interrupts(), lambda handler: handler is signal.SIG_DFL):
         yield
+
+
+@contextmanager
+def undisturbed(doing: str) -> Iterator[None]:
+    """Lets what would end the process wait for the end of a block that nothing may
+    interrupt, not even a handler of Python's; but a Ctrl-C that is not the first ends
+    it at once.
+
+    Args:
+        doing: what the block does, for what is said of it.
+    """
+    waiting, handlers = [], {}
+
+    def wait(number: int, _: FrameType | None) -> None:
+        waiting.append(number)
+        # Python's own handlers come only once the block lets them.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        with suppress(OSError):  # not print, whose lock may be held
+            os.write(2, f"ends once this is {doing}; at once by Ctrl-C\n".encode())
+
+    try:
+        if threading.current_thread() is threading.main_thread():
+            for number in ENDS:
+                if callable(signal.getsignal(number)):
+                    handlers[number] = signal.signal(number, wait)
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if waiting:
+            signal.raise_signal(waiting[0])
 
 
 @contextmanager

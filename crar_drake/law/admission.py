@@ -169,20 +169,20 @@ def path_curvature(
         reach: (k, nv) rho.
         above: of `Reaches`.
     """
-    curvature = np.zeros(len(moves))
-    own = np.empty(len(x), dtype=np.int64)  # the joints that move the shape alone
+    # The joints above i that move the shape alone are all above i, less those above
+    # the first that does.
+    curvature, speed = np.zeros(len(moves)), np.abs(x)
+    before = times(above, speed)
     for k in range(len(moves)):
         for shape in (1.0, -1.0):
-            count = 0
-            for j in range(len(x)):
-                if moves[k, j] == shape:
-                    own[count] = j
-                    count += 1
-            for i in own[:count]:
-                before = 0.0
-                for j in own[:count]:
-                    before += abs(x[j]) * above[i, j]
-                curvature[k] += reach[k, i] * abs(x[i]) * (abs(x[i]) + 2.0 * before)
+            common = np.inf
+            for i in range(len(x)):
+                if moves[k, i] == shape:
+                    common = min(common, before[i])
+            for i in range(len(x)):
+                if moves[k, i] == shape:
+                    own = speed[i] + 2.0 * (before[i] - common)
+                    curvature[k] += reach[k, i] * speed[i] * own
     return curvature
 
 

@@ -102,7 +102,7 @@ class ControlLaw:
         self.speed_limits = gains.speed_limits(model)
         self.effort_limits = gains.limits_of_efforts(model)
         self._limits_efforts = bool(np.isfinite(self.effort_limits).any())
-        self._safe = gains.constraints == "lookahead"
+        self._safe, self._plans = gains.constraints == "lookahead", gains.plans
         self._plausible = PlausibleStates(model, self._period)
         self._constraints = self._motors = None
         crowded = model.m >= model.n
@@ -127,7 +127,7 @@ class ControlLaw:
         # The oldest commands whose effect a late state does not show yet.
         late = self._latency / self._period * (1.0 - _ROUNDING)
         self._num_sent = math.ceil(late) + 1 if late else 0
-        if gains.plans:
+        if self._plans:
             preview = make_preview(
                 *(ahead.preview, ahead.smoothness, ahead.damping, stiffness),
                 *(self._period, ahead.farthest_pull, ahead.null_space_damping),
@@ -210,7 +210,7 @@ class ControlLaw:
         model = self.model
         here = q[model.controlled_positions]
         posture = np.where(self._has_limits, self._rest_posture, here)
-        if self.parameters.plans:
+        if self._plans:
             posture = posture_near_limits(here, posture, model.lower, model.upper)
         return posture
 
@@ -330,10 +330,10 @@ class ControlLaw:
             ScenarioError: the robot or the parameters do not go with obstacles.
             FloatingPointError: an overflow.
         """
-        model, parameters = self.model, self.parameters
+        model = self.model
         before = memory if tick == memory.tick + 1 else Memory()
         lateness = None
-        if parameters.plans:
+        if self._plans:
             told = self._latency / self._period
             # One glitch would outweigh all else for seconds.
             seen = self._plausible.believed(v, before.v)
@@ -431,7 +431,7 @@ class ControlLaw:
 
     def _motor_rows(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(k, nv + 2) of `law.nominal.TaskLaw`, for a plan."""
-        if self._motors is None or not self.parameters.plans:
+        if self._motors is None or not self._plans:
             return np.zeros((0, len(v) + 2))
         return self._motors.plan_rows(*self.model.in_order(q, v))
 
@@ -469,7 +469,7 @@ class ControlLaw:
             if not going_on:
                 return np.zeros(n)
             s = rate[:n] + T * asked[:n]
-            return s if self.parameters.plans else self._slowed(s)
+            return s if self._plans else self._slowed(s)
 
         braking, state = before, None
         if self._safe:

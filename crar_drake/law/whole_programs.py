@@ -14,11 +14,7 @@ insides, too, so that pyproject.toml allows the versions that were looked at.
 """
 
 import gc
-import os
-import signal
-import threading
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from functools import cached_property
 
 from llvmlite import binding, ir
@@ -29,6 +25,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
 from crar_drake.files import WriteError, turn_to_write
+from crar_drake.interrupts import undisturbed
 
 # Of the variables by which functions find what surrounds them in Python.
 _ENVIRONMENT = "_ZN08NumbaEnv"
@@ -137,39 +134,6 @@ class ProgramCompiler(Compiler):
             del codegen._library_class
 
 
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Lets what would end the process wait for the end of the block; a second one ends
-    it at once.
-
-    A KeyboardInterrupt between LLVM's taking a module and Python's letting it go has it
-    freed twice, and one while LLVM hands machine code over is lost, with the code.
-    """
-    waiting, handlers = [], {}
-
-    def wait(number: int, _: object) -> None:
-        waiting.append(number)
-        # Python's own handlers come only once LLVM returns.
-        for each in handlers:
-            signal.signal(each, signal.SIG_DFL)
-        with suppress(OSError):  # not print, whose lock may be held
-            os.write(2, b"ends once this is compiled; at once if asked again\n")
-
-    try:
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-                handler = signal.getsignal(number)
-                if callable(handler):
-                    handlers[number] = handler
-                    signal.signal(number, wait)
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        if waiting:
-            signal.raise_signal(waiting[0])
-
-
 class Program(CPUDispatcher):
     """What stands for a function: compiled where it is called from Python, its part
     where it is called by another one."""
@@ -178,7 +142,9 @@ class Program(CPUDispatcher):
         """As Numba does, but processes that need the same compile it once: the others
         wait, and find it."""
         with ExitStack() as stack:
-            stack.enter_context(_undisturbed())
+            # A KeyboardInterrupt between LLVM's taking a module and Python's letting
+            # it go has it freed twice, and one while LLVM hands code over is lost.
+            stack.enter_context(undisturbed("compiled"))
             stack.enter_context(global_compiler_lock)
             # Compiling makes millions of objects that stay for long: to go through all
             # of them again and again takes longer than all the rest.

@@ -95,8 +95,11 @@ def undisturbed(doing: str) -> Iterator[None]:
 
     def wait(number: int, _: FrameType | None) -> None:
         waiting.append(number)
+        if len(waiting) > 1:
+            return
         # Python's own handlers come only once the block lets them.
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        if signal.SIGINT in handlers:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
         with suppress(OSError):  # not print, whose lock may be held
             os.write(2, f"ends once this is {doing}; at once by Ctrl-C\n".encode())
 

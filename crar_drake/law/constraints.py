@@ -223,6 +223,17 @@ class RobotConstraints:
         later = regions.later(self.period, self.among.clear_after(unknown))
         return found, Braking(state.T, self.pairs.present_is_clear, later)
 
+    def is_clear(self, q: np.ndarray, known: bool, regions: Regions | None) -> bool:
+        """Whether nothing is violated where a step began.
+
+        Args:
+            q: (nv,) positions, which are to be within the joint limits.
+            known: whether its braking path is known to keep the safety distance.
+            regions: where obstacles are taken to be; None without any.
+        """
+        clear = known and self.limits.are_kept(q)
+        return clear and (regions is None or bool(regions.clear.all()))
+
     def clearance(self, found: Step) -> float:
         """No watched distance is smaller on the braking path after a step [m]."""
         return float(found.clearances.get(self.pairs.name, self.pairs.least_kept))

@@ -527,10 +527,8 @@ class ControlLaw:
         self, found: Step, state: State, before: Braking
     ) -> dict[str, np.ndarray]:
         """The diagnostics of a safe step."""
-        of, regions = self._constraints, before.regions
-        clear = of.pairs.present_is_clear
-        if regions is not None:
-            clear = clear and bool(regions.clear.all())
+        of = self._constraints
+        clear = of.is_clear(state.q, of.pairs.present_is_clear, before.regions)
         how = np.array([found.how, found.share, of.clearance(found), float(clear)])
         reported = {"admission": how, "T": np.array([state.T])}
         if of.ground is not None:

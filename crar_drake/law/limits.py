@@ -62,6 +62,10 @@ class Limits:
         within."""
         return np.maximum(self.lower - q, q - self.upper)
 
+    def are_kept(self, q: np.ndarray) -> bool:
+        """Whether joints at q (nv,) are within their limits."""
+        return is_within(q, *self._beyond)
+
     def is_safe(
         self, q: np.ndarray, v: np.ndarray, T: float, known: float = 0.0
     ) -> bool:
@@ -80,7 +84,7 @@ class Limits:
             *(state.q[:n], state.v[:n], self.lower, self.upper, self.fastest),
             *(state.T, state.period, state.plant_step),
         )
-        state.keep_rows |= not is_within(state.q, *self._beyond)
+        state.keep_rows |= not self.are_kept(state.q)
 
     def rows(self, state: State) -> Rows:
         n = state.n

@@ -409,9 +409,6 @@ class SafetyFilter:
             if of.pairs.present_is_clear:
                 beyond = of.limits.beyond(state.q)
                 why, joint = of.limits.name, int(np.argmax(beyond))
-        clear = of.pairs.present_is_clear
-        if regions is not None:
-            clear = clear and bool(regions.clear.all())
         return FilterReport(
             _HOW[how],
             float(found.share),
@@ -419,7 +416,7 @@ class SafetyFilter:
             pair,
             None if joint is None else self.joint_names[joint],
             of.clearance(found),
-            clear,
+            of.is_clear(state.q, of.pairs.present_is_clear, regions),
             error,
             worst,
             T=state.T,
@@ -534,10 +531,10 @@ class SafetyFilter:
         vdot = -memory.v / state.T
         v = memory.v + self._period * vdot
         q = memory.q + self._period * v
-        clear, regions, too_fast = state.known, before.regions, ()
+        regions, too_fast = before.regions, ()
+        clear = self._robot.is_clear(state.q, state.known, regions)
         if regions is not None:
-            clear, too_fast = clear and bool(regions.clear.all()), regions.too_fast
-            regions = regions.later(self._period)
+            too_fast, regions = regions.too_fast, regions.later(self._period)
         report = FilterReport(
             *(BRAKING, 0.0, why, None, None, np.nan, clear, error, worst),
             too_fast=too_fast,

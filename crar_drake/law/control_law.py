@@ -655,11 +655,10 @@ def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:
     """
     arrays = []
     for name, value, size in given:
-        value = _NOTHING if value is None or not size else value
+        value = _NOTHING if value is None else value
         if np.shape(value) != (size,):
-            raise InputError(
-                f"{name} has shape {np.shape(value)}; it must be ({size},)"
-            )
+            must = f"it must be ({size},)" if size else "nothing takes it: leave it out"
+            raise InputError(f"{name} has shape {np.shape(value)}; {must}")
         arrays.append(np.array(value, dtype=float, order="C"))
     return arrays
 

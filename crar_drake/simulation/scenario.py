@@ -342,12 +342,24 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         defaults=Scenario(),
         of_others=settings_of_others(),
         kinds={"controller": ("constraints", CONSTRAINTS)},
+        moved=_MOVED,
     )
     try:
         scenario.validate()
     except ScenarioError as error:
         raise ScenarioError(f"{source}: {error}") from error
     return scenario
+
+
+_CONSTANT = "it is a constant of the law; leave it out"
+# Keys of the controller that there were.
+_MOVED = {
+    ("controller", "lookahead"): "its keys are those of controller itself; see "
+    "docs/guides/your-diagram.md",
+    ("controller", "respect_effort_limits"): "write effort_limits",
+    ("controller", "nominal_posture_gain"): "write posture_gain",
+    ("controller", "distances"): _CONSTANT,
+}
 
 
 # Drake's configuration and a setting that only some versions have, with what the others

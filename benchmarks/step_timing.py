@@ -78,15 +78,14 @@ class Step:
         self._context = self._simulator.get_mutable_context()
         controller, samples = self.controller, self._samples
         state = np.hstack([samples.q, samples.v])
-        self._inputs = [
-            (self._fix(port), values)
-            for port, values in (
-                (controller.get_input_port_estimated_state(), state),
-                (controller.get_input_port_desired_tasks(), samples.tasks),
-                (controller.get_input_port_desired_prescribed(), samples.prescribed),
-            )
-            if port is not None
+        given = [
+            (controller.get_input_port_estimated_state(), state),
+            (controller.get_input_port_desired_tasks(), samples.tasks),
         ]
+        if controller.model.n_p:
+            port = controller.get_input_port_desired_prescribed()
+            given.append((port, samples.prescribed))
+        self._inputs = [(self._fix(port), values) for port, values in given]
         self._actuation = controller.get_output_port_actuation()
         self._next = 0
         self.torque = np.zeros(0)

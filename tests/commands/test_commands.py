@@ -165,7 +165,7 @@ def test_impossible_places_are_refused_before_the_work(
     if place == "locked" and os.geteuid() == 0:  # who may write there
         place = "/proc/self"
     # What is imported later would keep what is replaced here.
-    for module in ("motion.picture", "play.saving"):
+    for module in ("motion.picture", "play.session"):
         importlib.import_module(f"crar_drake.{module}")
     for name in (
         "crar_drake.run.run_scenario",

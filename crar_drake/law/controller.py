@@ -110,8 +110,9 @@ class CrarController(LeafSystem):
             `Solution`.
         admission: (4,) how the step was found (0 nominal, 1 corrected, 2
             scaled towards braking), the share of the nominal step, a bound from below
-            for all distances on the braking path one period on [m], and whether the
-            present one is clear (1) or not (0), see `docs/theory/theorem.md`.
+            for all distances on the braking path one period on [m], and whether joints
+            are within their limits and the present one is clear (1) or not (0), see
+            `docs/theory/theorem.md`.
         balance: (3,) the same of a robot on its soles, see `law.ground`.
         T: (1,) braking time constant of the step [s]. These three are NaN unless
             constraints are "lookahead".

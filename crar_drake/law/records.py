@@ -40,8 +40,9 @@ class Solution:
         constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
         admission: (4,) how the step was found (0 nominal, 1 corrected, 2 scaled towards
             braking), the share of the nominal step, a bound from below for all
-            distances on the next braking path [m], and 1 if the present one is clear,
-            else 0. This and the next two are NaN unless constraints are "lookahead".
+            distances on the next braking path [m], and 1 if joints are within their
+            limits and the present one is clear, else 0. This and the next two are NaN
+            unless constraints are "lookahead".
         balance: (3,) the same where the ground objected, without the last, and what it
             has left [m of the weight's arm]; NaN without `controller.balance`.
         T: (1,) braking time constant of the step [s].

@@ -62,7 +62,8 @@ class FilterReport:
         joint: the joint that `why` is about, or that binds besides; or None.
         clearance: no watched distance is smaller on the braking path from the command
             [m]; a bound from below. NaN while it brakes.
-        clear: whether the path that the step started with is known to be clear.
+        clear: whether joints were within their limits, and the path that the step
+            started with is known to be clear.
         motor_use: the largest share of a motor's limit that the command takes, now or
             braking after it [1]; NaN without effort limits, and while it brakes.
         T: braking time constant over which the next state is safe [s].

@@ -76,7 +76,7 @@ def drive_exact(model: ControlModel, episode: Episode) -> Drive:
                     states[k, nq:],
                     episode.tasks[k],
                     episode.prescribed[k],
-                    episode.posture[k] if posture else None,
+                    episode.posture[k] if posture and law.has_posture else None,
                 )
             except (FloatingPointError, InputError, np.linalg.LinAlgError):
                 solution = None

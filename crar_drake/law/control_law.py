@@ -239,8 +239,8 @@ class ControlLaw:
             tasks: (layout.size,) [x_d; v_d; a_d]; `model.layout.pack` makes one.
             prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], if there are any;
                 `model.prescribed_at` makes one.
-            nominal_posture: (n,) that the null space is drawn to, unless
-                the posture gain is 0; by default `default_posture`.
+            nominal_posture: (n,) that the null space is drawn to, by default
+                `default_posture`; left out where the posture gain is 0.
             obstacles: as of `solve`.
 
         Raises:

@@ -412,18 +412,18 @@ def test_step_takes_plain_lists(on_rail):
         ({"tasks": np.zeros((3, 3))}, ["tasks", "(9,)"]),
         ({"prescribed": None}, ["prescribed", "(3,)"]),
         ({"nominal_posture": np.zeros(3)}, ["nominal_posture", "(4,)"]),
+        ({"nominal_posture": np.zeros(4)}, ["nominal_posture", "leave it out"]),
     ],
 )
 def test_step_refuses_bad_arguments(on_rail, change, words):
     """By name, with the time; the memory is as before."""
-    safe = "nominal_posture" in change  # the paper has none
+    safe = "(4,)" in words  # the paper has no nominal posture
     law = ControlLaw(on_rail, LookaheadParameters() if safe else PaperParameters())
     good = {
         "q": np.array([0.0, 0.5, 0.7, -0.9, 0.6]),
         "v": np.zeros(5),
         "tasks": np.zeros(9),
         "prescribed": np.zeros(3),
-        "nominal_posture": np.zeros(4),
     }
     law.step(**good)
     law.step(**good)

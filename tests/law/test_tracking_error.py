@@ -109,10 +109,10 @@ def test_by_hand(joint, of_post, of_base):
         prescribed_joints={"rail": "hold"},
         pairs=[["l4", "post"], ["l4", "l0"]],
     )
-    radii = [
-        law_of(model, **given)._constraints._robot.value.pairs.value.radii
-        for given in ({}, {"tracking_errors": {joint: 1e-3}})
-    ]
+    radii = []
+    for given in ({}, {"tracking_errors": {joint: 1e-3}}):
+        shapes = law_of(model, **given)._constraints.pairs.shapes.value
+        radii.append(shapes.robot.value.pairs.value.radii)
     expected = 1e-3 * np.array([of_post, of_base])
     np.testing.assert_allclose(radii[1] - radii[0], expected, atol=1e-12)
 

@@ -243,7 +243,7 @@ def test_it_stands_beside_other_things(folder) -> None:
     root = simulator.get_context()
     of_ball = plant.EvalBodyPoseInWorld(plant.GetMyContextFromRoot(root), ball)
     assert of_ball.translation()[2] == pytest.approx(0.05, abs=2e-3)
-    status = standing.get_output_port_status()
+    status = standing.GetOutputPort("status")
     assert status.Eval(standing.GetMyContextFromRoot(root))[1] == 0.0
     told = controller.diagnostics(controller.GetMyContextFromRoot(root))
     assert np.abs(told["task_error"]).max() < 5e-3

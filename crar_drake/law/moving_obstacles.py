@@ -27,7 +27,7 @@ from crar_drake.law.capsule_distances import distance_gradient_about_origin
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.kinematics import joint_motion, link_poses, place_points
 from crar_drake.law.path_balls import least_length
-from crar_drake.law.vectors import cross, dot, times
+from crar_drake.law.vectors import cross, dot, product, times
 
 # A line is halved so often before a link that is not shown to be clear counts as not,
 # and one that is known not to be has its worst place found: as `admission` has it.
@@ -206,6 +206,40 @@ def place_links(q: np.ndarray, links: Links) -> Placed:
 
 
 @compiled
+def balls_of_links(
+    middle: np.ndarray, way: np.ndarray, links: Links
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The balls about links on their chords, of the balls about their shapes.
+
+    Args:
+        middle, way: (S, 3) where these have their centres at first, and where the line
+            leads them [m].
+
+    Returns:
+        The same of links (L, 3), (L, 3); (L,) their radii [m].
+    """
+    L = len(links.shapes) - 1
+    centre, along, radius = np.zeros((L, 3)), np.zeros((L, 3)), np.zeros(L)
+    for i in range(L):
+        some = range(links.shapes[i], links.shapes[i + 1])
+        for shape in some:
+            for c in range(3):
+                centre[i, c] += middle[shape, c] / len(some)
+                along[i, c] += way[shape, c] / len(some)
+        for shape in some:
+            # On chords a centre is the farthest from another at one of the ends.
+            at_first, at_last = 0.0, 0.0
+            for c in range(3):
+                off = middle[shape, c] - centre[i, c]
+                at_first += off * off
+                off += way[shape, c] - along[i, c]
+                at_last += off * off
+            far = np.sqrt(max(at_first, at_last)) + links.balls[shape]
+            radius[i] = np.maximum(radius[i], far)  # a NaN stays
+    return centre, along, radius
+
+
+@compiled
 def links_near(
     begin: Placed,
     end: Placed,
@@ -232,16 +266,25 @@ def links_near(
     found, count, low = np.empty((L * N, 2), dtype=np.int64), 0, np.inf
     middle = begin.start + 0.5 * begin.vector
     way = end.start + 0.5 * end.vector - middle
+    centre, along, radius = balls_of_links(middle, way, links)
     for i in range(L):
+        x_i, y_i, z_i = centre[i, 0], centre[i, 1], centre[i, 2]
+        u_i, v_i, w_i = along[i, 0], along[i, 1], along[i, 2]
         for o in range(N):
             a, b, c = spheres.centre[o, 0], spheres.centre[o, 1], spheres.centre[o, 2]
+            more = bend[i] + spheres.radius[o] + spheres.speed[o] * seconds[i]
+            apart = least_length(x_i - a, y_i - b, z_i - c, u_i, v_i, w_i)
+            apart -= radius[i] + more
+            if apart >= enough:
+                low = min(low, apart)
+                continue
             apart = np.inf
             for shape in range(links.shapes[i], links.shapes[i + 1]):
                 x, y, z = middle[shape, 0], middle[shape, 1], middle[shape, 2]
                 u, v, w = way[shape, 0], way[shape, 1], way[shape, 2]
                 far = least_length(x - a, y - b, z - c, u, v, w) - links.balls[shape]
                 apart = np.minimum(apart, far)
-            apart -= bend[i] + spheres.radius[o] + spheres.speed[o] * seconds[i]
+            apart -= more
             # A bound that is none (NaN) shows nothing.
             if apart >= enough:
                 low = min(low, apart)
@@ -274,7 +317,7 @@ def link_gaps(
     o: int,
     by: np.ndarray,
     at: Placed,
-    x: np.ndarray,
+    twist: np.ndarray,
     spheres: Spheres,
     links: Links,
 ) -> np.ndarray:
@@ -285,17 +328,21 @@ def link_gaps(
 
     Args:
         by: (k,) how much farther on a line, in shares of it; at 0 it is the distance.
-        x: (nv,) what each joint moves on the line.
+        twist: (6,) how it moves on the line, about the world's origin.
     """
-    twist, gaps = times(at.S, x * links.carried[i]), np.full(len(by), np.inf)
+    gaps, centre = np.full(len(by), np.inf), spheres.centre[o]
     for shape in range(links.shapes[i], links.shapes[i + 1]):
         p, u = at.start[shape], at.vector[shape]
-        n, _ = nearest_to(p, u, spheres.centre[o])
-        for end in (p, p + u):
-            gap = dot(n, end - spheres.centre[o])
-            gap -= links.radii[shape] + spheres.radius[o]
-            rate = dot(n, twist[3:] + cross(twist[:3], end))
-            gaps = np.minimum(gaps, gap + rate * by)
+        n, _ = nearest_to(p, u, centre)
+        # n . (v + w x p) = n . v + (n x w) . p, so for the end by (n x w) . u more.
+        turned = cross(n, twist[:3])
+        gap = dot(n, p) - dot(n, centre) - (links.radii[shape] + spheres.radius[o])
+        rate = dot(n, twist[3:]) + dot(turned, p)
+        gap_more, rate_more = dot(n, u), dot(turned, u)
+        for k in range(len(by)):
+            first = gap + rate * by[k]
+            last = gap + gap_more + (rate + rate_more) * by[k]
+            gaps[k] = np.minimum(gaps[k], np.minimum(first, last))  # a NaN stays
     return gaps
 
 
@@ -341,6 +388,7 @@ def line_bounds(
                 continue
             middle = (2 * part + 1) * half
             at = place_links(line.start + middle * line.x, links)
+            twists = product(links.carried * line.x, np.ascontiguousarray(at.S.T))
             for row in np.flatnonzero(open_[part]):
                 i, o, kind = near[row // 2, 0], near[row // 2, 1], row % 2
                 level, begin, end = keep[kind, i, o], middle - half, middle + half
@@ -351,7 +399,7 @@ def line_bounds(
                 if level == -np.inf or begin > end:
                     continue
                 by = np.array([begin - middle, end - middle, 0.0])
-                left = link_gaps(i, o, by, at, line.x, spheres, links)
+                left = link_gaps(i, o, by, at, twists[i], spheres, links)
                 for k in range(3 if kind == MOVING else 0):
                     t = (middle + by[k]) * line.lasts
                     left[k] -= spheres.speed[o] * braking_time(t, line.before, numbers)

@@ -85,12 +85,32 @@ def least_rate(
 
 
 @compiled
-def pair_rates(h: np.ndarray, approach: Approach) -> np.ndarray:
-    """`least_rate` of the margins (C,) of pairs."""
-    return least_rate(
+def distance_rows(
+    d: np.ndarray,
+    dd_dv: np.ndarray,
+    drift: np.ndarray,
+    v: np.ndarray,
+    T: float,
+    approach: Approach,
+) -> tuple[np.ndarray, np.ndarray]:
+    """g (C, nv), least (C,): the rows (L3), (L4) of distances within the influence
+    distance.
+
+    Args:
+        d, dd_dv: (2, Nr), (2, Nr, nv) of `pair_margins`, `margin_curvature`.
+        drift: (Nr,) how fast distances shrink by themselves [m/s].
+        v: (nv,) velocities.
+        T: braking time constant [s].
+        approach: margin and rates.
+    """
+    h = pair_margins(d, dd_dv, v, T)
+    least = least_rate(
         h,
         approach.distance_margin,
         approach.retreat_rate,
         approach.retreat_speed,
         approach.approach_rate,
     )
+    least += np.concatenate((drift, drift)) - margin_curvature(dd_dv, v)
+    near = np.flatnonzero(h < approach.influence_distance)
+    return dd_dv.reshape(len(h), len(v))[near], least[near]

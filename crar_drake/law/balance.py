@@ -30,6 +30,7 @@ import numpy as np
 
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.masses import Masses
+from crar_drake.law.prediction import state_within
 from crar_drake.law.vectors import dot, times
 from crar_drake.law.wrenches import wrench_slopes, wrenches
 
@@ -245,7 +246,7 @@ def _look(
     if brakes:
         w = wrenches(q + u * law.T * v, v, a, law.masses)
     else:
-        there, rate = after(q, v, a, u * law.period, law.step)
+        there, rate = state_within(q, v, a, u * law.period, law.step)
         w = wrenches(there, rate, a, law.masses)
         w[0] += w[1] + w[2]
         w[1:] = 0.0
@@ -284,14 +285,6 @@ def _worst(
         if value > best:
             best, at, braking = value, kappa, a
     return best, at, braking
-
-
-@compiled
-def after(
-    q: np.ndarray, v: np.ndarray, a: np.ndarray, t: float, step: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """The state (nq,), (nv,) a time t on, in which a (nv,) is held [s]."""
-    return q + t * v + 0.5 * t * (t + step) * a, v + t * a
 
 
 @compiled
@@ -342,7 +335,7 @@ def examine_balance(
     excess = (of_step.values - level).max()
     if excess > 0.0 and enough == np.inf:
         return excess, *none
-    q_next, v_next = after(q, v, a, law.period, law.step)
+    q_next, v_next = state_within(q, v, a, law.period, law.step)
     of_path = examine(q_next, v_next, v_next / -law.T, True, level, _CLOSE, law)
     excess = max(excess, (of_path.values - level).max())
     if excess <= enough:
@@ -381,7 +374,7 @@ def _changes(
     accelerates do there."""
     u, kappa, braking = place[0], place[1], place[2]
     t = law.period if on_path else u * law.period
-    there, rate = after(q, v, a, t, law.step)
+    there, rate = state_within(q, v, a, t, law.step)
     pushed, by_q, by_v, by_a = a, 0.5 * t * (t + law.step), t, 1.0
     if on_path:
         there = there + u * law.T * rate

@@ -27,6 +27,7 @@ import numpy as np
 
 from crar_drake.law.compilation import Held, compiled, hold
 from crar_drake.law.dynamics import inertia_matrix, joint_torques
+from crar_drake.law.prediction import state_within
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
 from crar_drake.law.vectors import largest, times
@@ -211,12 +212,6 @@ def affine_torques(
 
 
 @compiled
-def after(q, v, vdot, t, plant_step):
-    """(nv,), (nv,) where vdot (nv,) leads from a state in a time t [s]."""
-    return q + t * v + 0.5 * t * (t + plant_step) * vdot, v + t * vdot
-
-
-@compiled
 def braking_torques(
     q: np.ndarray,
     v: np.ndarray,
@@ -263,7 +258,7 @@ def can_brake(
     share of a period."""
     of = efforts.value
     if share > 0.0:
-        q, v = after(q, v, vdot, share * period, plant_step)
+        q, v = state_within(q, v, vdot, share * period, plant_step)
     signed, _ = braking_torques(q, v, T, period, plant_step, of)
     return (np.abs(signed) <= _OF_PATH * of.limits).all()
 
@@ -299,7 +294,7 @@ def check_motors(
     of = efforts.value
     L, M = of.limits, len(of.limits)
     vdot, nothing = (s - v) / T, (np.zeros((0, n)), np.zeros(0))
-    there, rate = after(q, v, vdot, period, plant_step)
+    there, rate = state_within(q, v, vdot, period, plant_step)
     now = times(A, vdot) + b
     use = (np.abs(now) / L).max()
     if use <= _CALM:
@@ -307,7 +302,7 @@ def check_motors(
     if use <= _CALM:
         return True, 1.0 - use, -1, *nothing
     tau = np.abs(now)
-    middle, halfway = after(q, v, vdot, 0.5 * period, plant_step)
+    middle, halfway = state_within(q, v, vdot, 0.5 * period, plant_step)
     tau = np.maximum(tau, np.abs(torques(middle, halfway, vdot, of)))
     tau = np.maximum(tau, np.abs(torques(there, rate, vdot, of)))
     over = tau - _HELD * L

@@ -17,17 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.law.admission import ROUNDING
-from crar_drake.law.approach import (
-    Approach,
-    margin_curvature,
-    pair_margins,
-    pair_rates,
-)
+from crar_drake.law.approach import Approach, distance_rows
 from crar_drake.law.capsule_distances import distance_gradient_about_origin
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.kinematics import joint_motion, link_poses, place_points
 from crar_drake.law.path_balls import least_length
-from crar_drake.law.vectors import cross, dot, product, times
+from crar_drake.law.vectors import dot, product, put, times
 
 # A line is halved so often before a link that is not shown to be clear counts as not,
 # and one that is known not to be has its worst place found: as `admission` has it.
@@ -174,6 +169,15 @@ def braking_time(t: float, before: float, numbers: Passing) -> float:
 
 
 @compiled
+def comes_nearer(
+    u: float, o: int, line: Line, spheres: Spheres, numbers: Passing
+) -> float:
+    """V t(u): what a sphere can come nearer until the robot is at u of its line [m]."""
+    t = braking_time(u * line.lasts, line.before, numbers)
+    return spheres.speed[o] * t
+
+
+@compiled
 def last_times(
     line: Line, links: Links, numbers: Passing
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -206,36 +210,34 @@ def place_links(q: np.ndarray, links: Links) -> Placed:
 
 
 @compiled
-def balls_of_links(
-    middle: np.ndarray, way: np.ndarray, links: Links
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The balls about links on their chords, of the balls about their shapes.
+def ball_about(
+    middle: np.ndarray, way: np.ndarray, size: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """A ball about S balls, each of which moves on a chord.
 
     Args:
-        middle, way: (S, 3) where these have their centres at first, and where the line
-            leads them [m].
+        middle, way, size: (S, 3), (S, 3), (S,) where they have their centres at first,
+            where these are led, and their radii [m].
 
     Returns:
-        The same of links (L, 3), (L, 3); (L,) their radii [m].
+        The same of the ball: (3,), (3,), and its radius [m].
     """
-    L = len(links.shapes) - 1
-    centre, along, radius = np.zeros((L, 3)), np.zeros((L, 3)), np.zeros(L)
-    for i in range(L):
-        some = range(links.shapes[i], links.shapes[i + 1])
-        for shape in some:
-            for c in range(3):
-                centre[i, c] += middle[shape, c] / len(some)
-                along[i, c] += way[shape, c] / len(some)
-        for shape in some:
-            # On chords a centre is the farthest from another at one of the ends.
-            at_first, at_last = 0.0, 0.0
-            for c in range(3):
-                off = middle[shape, c] - centre[i, c]
-                at_first += off * off
-                off += way[shape, c] - along[i, c]
-                at_last += off * off
-            far = np.sqrt(max(at_first, at_last)) + links.balls[shape]
-            radius[i] = np.maximum(radius[i], far)  # a NaN stays
+    centre, along, radius = np.zeros(3), np.zeros(3), 0.0
+    for i in range(len(size)):
+        for c in range(3):
+            centre[c] += middle[i, c] / len(size)
+            along[c] += way[i, c] / len(size)
+    for i in range(len(size)):
+        # A centre is the farthest from another's chord at one of the ends.
+        at_first, at_last = 0.0, 0.0
+        for c in range(3):
+            off = middle[i, c] - centre[c]
+            at_first += off * off
+            off += way[i, c] - along[c]
+            at_last += off * off
+        # np.maximum, for a NaN stays.
+        far = np.sqrt(np.maximum(at_first, at_last)) + size[i]
+        radius = np.maximum(radius, far)
     return centre, along, radius
 
 
@@ -266,11 +268,27 @@ def links_near(
     found, count, low = np.empty((L * N, 2), dtype=np.int64), 0, np.inf
     middle = begin.start + 0.5 * begin.vector
     way = end.start + 0.5 * end.vector - middle
-    centre, along, radius = balls_of_links(middle, way, links)
+    # Balls about links, and one about all of them, show it of most spheres.
+    centre, along, radius = np.empty((L, 3)), np.empty((L, 3)), np.empty(L)
+    for i in range(L):
+        own = slice(links.shapes[i], links.shapes[i + 1])
+        here, to, radius[i] = ball_about(middle[own], way[own], links.balls[own])
+        put(centre[i], 0, here)
+        put(along[i], 0, to)
+    here, to, most = ball_about(centre, along, radius + bend)
+    farthest, far_off = seconds.max(), np.zeros(N, dtype=np.bool_)
+    for o in range(N):
+        a, b, c = spheres.centre[o, 0], spheres.centre[o, 1], spheres.centre[o, 2]
+        apart = least_length(here[0] - a, here[1] - b, here[2] - c, to[0], to[1], to[2])
+        apart -= most + spheres.radius[o] + spheres.speed[o] * farthest
+        if apart >= enough:
+            low, far_off[o] = min(low, apart), True
     for i in range(L):
         x_i, y_i, z_i = centre[i, 0], centre[i, 1], centre[i, 2]
         u_i, v_i, w_i = along[i, 0], along[i, 1], along[i, 2]
         for o in range(N):
+            if far_off[o]:
+                continue
             a, b, c = spheres.centre[o, 0], spheres.centre[o, 1], spheres.centre[o, 2]
             more = bend[i] + spheres.radius[o] + spheres.speed[o] * seconds[i]
             apart = least_length(x_i - a, y_i - b, z_i - c, u_i, v_i, w_i)
@@ -295,55 +313,70 @@ def links_near(
 
 
 @compiled
-def nearest_to(p: np.ndarray, u: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float]:
+def nearest_to(
+    p: np.ndarray, u: np.ndarray, c: np.ndarray
+) -> tuple[float, float, float, float]:
     """Where a segment, from p by u, is nearest to a point c, (3,) each.
 
     Returns:
-        (3,) the unit normal from the point to the segment; their distance [m].
+        The three parts of the unit normal from the point to the segment; their distance
+        [m]. No array, which would take longer than all the rest.
     """
-    uu, share = dot(u, u), 0.0
+    x, y, z = p[0] - c[0], p[1] - c[1], p[2] - c[2]
+    uu, share = u[0] * u[0] + u[1] * u[1] + u[2] * u[2], 0.0
     if uu > 0.0:
-        share = min(max(dot(u, c - p) / uu, 0.0), 1.0)
-    n = p + share * u - c
-    far = np.sqrt(dot(n, n))
+        share = min(max(-(u[0] * x + u[1] * y + u[2] * z) / uu, 0.0), 1.0)
+    x, y, z = x + share * u[0], y + share * u[1], z + share * u[2]
+    far = np.sqrt(x * x + y * y + z * z)
     if far < 1e-12:
-        return np.array([0.0, 0.0, 1.0]), far  # any bounds the distance from below
-    return n / far, far
+        return 0.0, 0.0, 1.0, far  # any bounds the distance from below
+    return x / far, y / far, z / far, far
 
 
 @compiled
 def link_gaps(
     i: int,
     o: int,
-    by: np.ndarray,
+    before: float,
+    after: float,
     at: Placed,
     twist: np.ndarray,
     spheres: Spheres,
     links: Links,
-) -> np.ndarray:
-    """(A4): how far a link is from a sphere at least, to the first order, (k,) [m].
+) -> tuple[float, float, float]:
+    """(A4): how far a link is from a sphere at least, to the first order [m].
 
     By the shadows of its shapes on the directions in which they are nearest to the
     sphere's centre.
 
     Args:
-        by: (k,) how much farther on a line, in shares of it; at 0 it is the distance.
+        before, after: two places on a line from where the link is, in shares of it.
         twist: (6,) how it moves on the line, about the world's origin.
+
+    Returns:
+        At both places; and where it is, which is the distance.
     """
-    gaps, centre = np.full(len(by), np.inf), spheres.centre[o]
+    first, last, now, c = np.inf, np.inf, np.inf, spheres.centre[o]
     for shape in range(links.shapes[i], links.shapes[i + 1]):
         p, u = at.start[shape], at.vector[shape]
-        n, _ = nearest_to(p, u, centre)
-        # n . (v + w x p) = n . v + (n x w) . p, so for the end by (n x w) . u more.
-        turned = cross(n, twist[:3])
-        gap = dot(n, p) - dot(n, centre) - (links.radii[shape] + spheres.radius[o])
-        rate = dot(n, twist[3:]) + dot(turned, p)
-        gap_more, rate_more = dot(n, u), dot(turned, u)
-        for k in range(len(by)):
-            first = gap + rate * by[k]
-            last = gap + gap_more + (rate + rate_more) * by[k]
-            gaps[k] = np.minimum(gaps[k], np.minimum(first, last))  # a NaN stays
-    return gaps
+        x, y, z, _ = nearest_to(p, u, c)
+        # n . (v + w x p) = n . v + (n x w) . p, so of the other end (n x w) . u more.
+        t_0 = y * twist[2] - z * twist[1]
+        t_1 = z * twist[0] - x * twist[2]
+        t_2 = x * twist[1] - y * twist[0]
+        rate = x * twist[3] + y * twist[4] + z * twist[5]
+        rate += t_0 * p[0] + t_1 * p[1] + t_2 * p[2]
+        turned = t_0 * u[0] + t_1 * u[1] + t_2 * u[2]
+        gap = x * (p[0] - c[0]) + y * (p[1] - c[1]) + z * (p[2] - c[2])
+        gap -= links.radii[shape] + spheres.radius[o]
+        more = x * u[0] + y * u[1] + z * u[2]
+        # np.minimum, for a NaN stays.
+        now = np.minimum(now, np.minimum(gap, gap + more))
+        one, other = gap + rate * before, gap + more + (rate + turned) * before
+        first = np.minimum(first, np.minimum(one, other))
+        one, other = gap + rate * after, gap + more + (rate + turned) * after
+        last = np.minimum(last, np.minimum(one, other))
+    return first, last, now
 
 
 @compiled
@@ -398,18 +431,19 @@ def line_bounds(
                     end = min(end, last[i])
                 if level == -np.inf or begin > end:
                     continue
-                by = np.array([begin - middle, end - middle, 0.0])
-                left = link_gaps(i, o, by, at, twists[i], spheres, links)
-                for k in range(3 if kind == MOVING else 0):
-                    t = (middle + by[k]) * line.lasts
-                    left[k] -= spheres.speed[o] * braking_time(t, line.before, numbers)
-                least = np.minimum(left[0], left[1])
+                of_part = begin - middle, end - middle, at, twists[i]
+                first, final, now = link_gaps(i, o, *of_part, spheres, links)
+                if kind == MOVING:
+                    first -= comes_nearer(begin, o, line, spheres, numbers)
+                    final -= comes_nearer(end, o, line, spheres, numbers)
+                    now -= comes_nearer(middle, o, line, spheres, numbers)
+                least = np.minimum(first, final)
                 low = least - 0.5 * half * half * curvature[i]
                 # A distance that is none (NaN) is not clear.
                 if low >= level - ROUNDING:
                     clearance = min(clearance, low)
                     continue
-                fails = begin <= middle <= end and not left[2] >= level - ROUNDING
+                fails = begin <= middle <= end and not now >= level - ROUNDING
                 if halving == _HALVINGS or fails and (quick or halving >= _SEARCHED):
                     lack = max(level - least, ROUNDING) if least == least else np.inf
                     lacks[kind, i, o] = max(lacks[kind, i, o], lack)
@@ -441,10 +475,10 @@ def link_distances(
         i, o = near[k, 0], near[k, 1]
         for shape in range(links.shapes[i], links.shapes[i + 1]):
             p, u = at.start[shape], at.vector[shape]
-            normal, far = nearest_to(p, u, spheres.centre[o])
+            x, y, z, far = nearest_to(p, u, spheres.centre[o])
             far -= links.radii[shape] + spheres.radius[o]
             if far < d[k]:
-                d[k], n[k] = far, normal
+                d[k], n[k, 0], n[k, 1], n[k, 2] = far, x, y, z
     # The line of the shortest distance passes the centre: so does the force.
     centre, moves = spheres.centre[near[:, 1]], links.carried[near[:, 0]]
     return d, distance_gradient_about_origin(n, centre, at.S, moves), n
@@ -483,12 +517,8 @@ def sphere_rows(
     d, g = np.empty((2, len(near))), np.empty((2, len(near), len(q)))
     d[0], g[0], _ = link_distances(here, near, spheres, links)
     d[1], g[1], _ = link_distances(there, near, spheres, links)
-    h = pair_margins(d, g, v, numbers.T)
     drift = np.minimum(spheres.speed[near[:, 1]], numbers.harmless)
-    least = pair_rates(h, approach) + np.concatenate((drift, drift))
-    least -= margin_curvature(g, v)
-    some = np.flatnonzero(h < approach.influence_distance)
-    return g.reshape(len(h), len(q))[some], least[some]
+    return distance_rows(d, g, drift, v, numbers.T, approach)
 
 
 @compiled

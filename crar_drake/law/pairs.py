@@ -30,12 +30,7 @@ from crar_drake.law.admission import (
     next_path,
     path_bounds,
 )
-from crar_drake.law.approach import (
-    Approach,
-    margin_curvature,
-    pair_margins,
-    pair_rates,
-)
+from crar_drake.law.approach import Approach, distance_rows
 from crar_drake.law.capsule_distances import (
     distance_gradient_about_origin,
     nearest_points,
@@ -204,10 +199,7 @@ def pair_rows(
     for k in range(2):
         d[k], normal, p, _ = nearest_points(points[k], pairs, rows)
         g[k] = distance_gradient_about_origin(normal, p, S[k], moves)
-    h = pair_margins(d, g, v, T)
-    least = pair_rates(h, numbers) - margin_curvature(g, v)
-    near = np.flatnonzero(h < numbers.influence_distance)
-    return g.reshape(len(h), nv)[near], least[near]
+    return distance_rows(d, g, np.zeros(len(rows)), v, T, numbers)
 
 
 @compiled

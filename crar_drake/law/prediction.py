@@ -42,6 +42,17 @@ def next_state(
 
 
 @compiled
+def state_within(
+    q: np.ndarray, v: np.ndarray, vdot: np.ndarray, t: float, plant_step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(nv,), (nv,) the state at a time t within the period in which vdot is held [s].
+
+    As `next_state`, but between the steps of a plant, too.
+    """
+    return q + t * v + 0.5 * t * (t + plant_step) * vdot, v + t * vdot
+
+
+@compiled
 def state_ahead(
     q: np.ndarray,
     v: np.ndarray,

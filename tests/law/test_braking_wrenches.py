@@ -13,13 +13,13 @@ from crar_drake.errors import ModelError
 from crar_drake.law.balance import (
     BalanceLaw,
     Examined,
-    after,
     balance_level,
     examine,
     examine_balance,
 )
 from crar_drake.law.compilation import hold
 from crar_drake.law.ground import Ground
+from crar_drake.law.prediction import state_within
 from crar_drake.law.projection import project
 from crar_drake.law.step import State
 from crar_drake.law.wrenches import wrench_slopes, wrenches
@@ -229,7 +229,7 @@ def test_braking_from_a_balanced_state_stays_balanced(robot, step):
         tried += 1
         for _ in range(5):
             a = -v / T
-            q, v = after(q, v, a, PERIOD, step)
+            q, v = state_within(q, v, a, PERIOD, step)
             assert not balance_level(q, v, law).any()
 
 
@@ -315,7 +315,9 @@ def test_rows_are_the_derivatives_of_the_faces(robot, at):
         found = examine_step(q, v, a, level, 0.1, law.value)
     else:
         rows, bounds = g[F:], b[F:]
-        found = examine_braking(*after(q, v, a, PERIOD, 0.0), level, 0.1, law.value)
+        found = examine_braking(
+            *state_within(q, v, a, PERIOD, 0.0), level, 0.1, law.value
+        )
 
     def value(face, more):
         u, share, brake = found.at[face]
@@ -324,7 +326,7 @@ def test_rows_are_the_derivatives_of_the_faces(robot, at):
             there = q + t * v + 0.5 * t * t * more
             w = robot.asked(there, v + t * more, more)
         else:
-            end, x = after(q, v, more, PERIOD, 0.0)
+            end, x = state_within(q, v, more, PERIOD, 0.0)
             w = robot.asked(end + u * T * x, share * x, -brake * x / T)
         return robot.cone.rows[face] @ w
 

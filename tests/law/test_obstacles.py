@@ -146,7 +146,8 @@ def test_where_a_segment_is_nearest_to_a_point():
     for k in range(60):
         p, u, c = rng.normal(size=(3, 3))
         u = u * (k % 3 != 0)
-        n, far = nearest_to(p, u, c)
+        *n, far = nearest_to(p, u, c)
+        n = np.array(n)
         least = np.linalg.norm(p + shares * u - c, axis=1).min()
         assert least - 1e-4 < far < least + 1e-9
         assert np.linalg.norm(n) == pytest.approx(1.0)

@@ -4,6 +4,7 @@ import math
 import os
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -131,7 +132,8 @@ def run_scenario(
         record: whether to make the recording, if there is a folder for it.
         progress: is called with simulated time, duration and real-time factor.
         tell: is called with sentences when the control law has to be compiled first,
-            and how far that is; this does not count as the run's wall time.
+            and how far that is; this does not count as the run's wall time. Without
+            it a line on stderr says so.
 
     Raises:
         CrarError: something in the scenario, its robot or its motion is wrong,
@@ -151,7 +153,7 @@ def run_scenario(
 
         if record:
             import crar_drake.results.playback  # noqa: F401
-    with when_compiling(tell or (lambda _: None)):
+    with when_compiling(tell) if tell else nullcontext():
         setup = PrepareScenario(scenario)
         duration = scenario.duration or setup.motion.duration
         record = record and out is not None

@@ -26,6 +26,9 @@ _HALVINGS = 7
 # Where a pair is known not to be clear, the worst place is sought among so many halves:
 # to a sixteenth of the path, which is all that a row needs to point the right way.
 _SEARCHED = 4
+# What is wanted of pairs that are not clear: one is enough to know; a place of each, in
+# those halves into which its distance falls; the lowest place of each.
+FIRST, FALLING, LOWEST = 0, 1, 2
 # A distance below the floor by less than this is at the floor [m]: rounding, of doubles
 # and robots' sizes, comes nowhere near it.
 ROUNDING = 1e-9
@@ -234,7 +237,7 @@ def shadow_gap(
     a: np.ndarray,
     b: np.ndarray,
     half: float,
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """(A4): how far the shadows of two moving axes or hulls on n are apart, less
     curvature.
 
@@ -253,17 +256,18 @@ def shadow_gap(
         half: the time is within [-half, half].
 
     Returns:
-        (k,) a bound from below, to the first order [m].
+        (k,) bounds from below, to the first order, of where the time begins and of
+        where it ends [m].
     """
-    gap = np.empty(len(n))
+    begins, ends = np.empty(len(n)), np.empty(len(n))
     for k in range(len(n)):
         of = some[k]
         start, hull = pairs.start_a[of], pairs.hull_a[of]
         low_0, low_1, _, _ = _shadow(n[k], at, pairs, start, hull, a[k], half)
         start, hull = pairs.start_b[of], pairs.hull_b[of]
         _, _, high_0, high_1 = _shadow(n[k], at, pairs, start, hull, b[k], half)
-        gap[k] = min(low_0 - high_0, low_1 - high_1)
-    return gap
+        begins[k], ends[k] = low_0 - high_0, low_1 - high_1
+    return begins, ends
 
 
 @compiled
@@ -275,7 +279,8 @@ def path_bounds(
     level: np.ndarray,
     r: Robot,
     reaches: Held,
-    quick: bool,
+    parts: np.ndarray,
+    wanted: int,
 ) -> Bounds:
     """(A5): whether pairs keep a level on the whole path that leads from `start` by
     t x + t^2 bend, t from 0 to 1.
@@ -295,7 +300,9 @@ def path_bounds(
         level: (k,) distances to be kept [m].
         r: the robot.
         reaches: holds `Reaches` of all its pairs.
-        quick: whether one pair that is seen below its level is enough to know.
+        parts: (2^j, k) bool, in which of so many equal parts of the path pairs are not
+            known to keep the level; (1, k) for all of it.
+        wanted: `FIRST`, `FALLING` or `LOWEST`.
     """
     count = len(rows)
     low, seen = np.full(count, np.inf), np.full(count, np.inf)
@@ -307,11 +314,11 @@ def path_bounds(
     curvature = path_curvature(fastest, moves, reach, above)
     curvature += 2.0 * travel(bend, reach)
     points = np.zeros((len(r.first), 3))
-    open_ = np.ones((1, count), dtype=np.bool_)
-    for halving in range(_HALVINGS + 1):
-        parts, half = len(open_), 0.5 / len(open_)
-        below = np.zeros((2 * parts, count), dtype=np.bool_)
-        for part in range(parts):
+    open_, begun = parts, round(np.log2(len(parts)))
+    for halving in range(begun, _HALVINGS + 1):
+        half = 0.5 / len(open_)
+        below = np.zeros((2 * len(open_), count), dtype=np.bool_)
+        for part in range(len(open_)):
             some = np.flatnonzero(open_[part])
             if not len(some):
                 continue
@@ -321,26 +328,29 @@ def path_bounds(
             S = place_pairs(points, start + moved, shapes, r)
             d, n, _, _ = nearest_points(points, pairs, shapes)
             a, b = own_velocities(S, rate, moves, some)
-            gap = shadow_gap(n, points, pairs, shapes, a, b, half)
+            begins, ends = shadow_gap(n, points, pairs, shapes, a, b, half)
             for k in range(len(some)):
                 pair = some[k]
                 radii = pairs.radii[shapes[k]]
-                bound = gap[k] - (radii + 0.5 * half * half * curvature[pair])
+                least = min(begins[k], ends[k])
+                bound = least - (radii + 0.5 * half * half * curvature[pair])
                 if bound >= level[pair]:
                     low[pair] = min(low[pair], bound)
                     continue
                 last = halving == _HALVINGS
                 there = -np.inf if np.isnan(d[k]) else d[k]
-                if there < level[pair] or last:
+                fails = there < level[pair]
+                if fails or last:
                     low[pair] = min(low[pair], there)
                     if at[pair] < 0.0 or there < seen[pair]:
                         at[pair], seen[pair] = t, there
-                    if quick and there < level[pair]:
+                    if fails and wanted == FIRST:
                         return Bounds(low, at, seen)
                     last = last or halving >= _SEARCHED
                 if not last:
-                    below[2 * part, pair] = True
-                    below[2 * part + 1, pair] = True
+                    either = not fails or wanted == LOWEST
+                    below[2 * part, pair] = either or begins[k] < ends[k]
+                    below[2 * part + 1, pair] = either or not begins[k] < ends[k]
         # Where a pair is known to fail, only the worst place is still of interest.
         if halving >= _SEARCHED:
             for pair in range(count):

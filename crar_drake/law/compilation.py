@@ -4,9 +4,10 @@ The functions of this package are written in the part of NumPy that Numba compil
 is compiled is kept in the user's cache, so that only the first process compiles.
 """
 
+import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numba
@@ -84,34 +85,59 @@ def _held(holder):
     return holder.value
 
 
+class _Told(event.Listener):
+    """Who is told that Numba compiles: on stderr once, unless somebody else wants to
+    be."""
+
+    def __init__(self) -> None:
+        self.by_others: list[Callable[[str], None]] = []
+        self._functions, self._start, self._reported, self._said = 0, 0.0, 0.0, False
+
+    def on_start(self, of: event.Event) -> None:
+        now = time.monotonic()
+        if not self._reported:
+            if not isinstance(of.data["dispatcher"], Program):
+                return  # of other packages
+            self._start = self._reported = now
+            self._functions = 0
+            self._tell(COMPILING)
+        elif now - self._reported >= _REPORTED_EVERY and self.by_others:
+            self._reported, passed = now, now - self._start
+            self._tell(f"{self._functions} functions compiled in {passed:.0f} s")
+
+    def on_end(self, _: event.Event) -> None:
+        self._functions += 1
+
+    def _tell(self, line: str) -> None:
+        if self.by_others:
+            self.by_others[-1](line)
+        elif not self._said:
+            self._said = True
+            with suppress(OSError, ValueError, AttributeError):  # closed, or none
+                print(f"crar_drake: {line}", file=sys.stderr, flush=True)
+
+    def begin_anew(self) -> None:
+        """Forgets what was told."""
+        self._reported = 0.0
+
+
+_told = _Told()
+event.register("numba:compile", _told)
+
+
 @contextmanager
 def when_compiling(tell: Callable[[str], None]) -> Iterator[None]:
-    """Tells of it in sentences if Numba compiles anything within the block.
+    """Tells of it in sentences if Numba compiles anything within the block. Outside of
+    one a line on stderr says so, once.
 
     Args:
         tell: is called with one at the first function, and every few seconds from then
             on with how many are compiled.
     """
-
-    class Listener(event.Listener):
-        functions = 0
-        start = reported = 0.0
-
-        def on_start(self, _: event.Event) -> None:
-            now = time.monotonic()
-            if not self.reported:
-                self.start = self.reported = now
-                tell(COMPILING)
-            elif now - self.reported >= _REPORTED_EVERY:
-                self.reported = now
-                tell(f"{self.functions} functions compiled in {now - self.start:.0f} s")
-
-        def on_end(self, _: event.Event) -> None:
-            self.functions += 1
-
-    listener = Listener()
-    event.register("numba:compile", listener)
+    _told.by_others.append(tell)
+    _told.begin_anew()
     try:
         yield
     finally:
-        event.unregister("numba:compile", listener)
+        _told.by_others.remove(tell)
+        _told.begin_anew()

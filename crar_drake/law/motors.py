@@ -43,9 +43,6 @@ _INSIDE = 8e-3
 _HELD = 0.995
 # And those of braking [1].
 _OF_PATH = 0.95
-# Below this share of all limits no torque is expected to pass one within a period and
-# the braking after it [1].
-_CALM = 0.5
 # Torques of braking are looked at where a joint has moved by this [rad or m], but in no
 # more parts of the way than these.
 _APART, _PARTS = 0.12, 8
@@ -143,13 +140,12 @@ class Motors:
                 break
             if now < lacks:
                 least, lacks = T, now
-            can, calm = now <= 1.0, max(now, then) <= _CALM
-            if can and not calm and T != state.T:
+            can = now <= 1.0
+            if can and T != state.T:
                 can = can_brake(q, v, vdot, 0.0, T, *times_)
             if can:
                 chosen = T
-            enough = then <= RESERVE
-            if can and enough and (calm or can_brake(q, v, vdot, 1.0, T, *times_)):
+            if can and then <= RESERVE and can_brake(q, v, vdot, 1.0, T, *times_):
                 break
         return least if chosen is None else chosen
 
@@ -296,11 +292,6 @@ def check_motors(
     vdot, nothing = (s - v) / T, (np.zeros((0, n)), np.zeros(0))
     there, rate = state_within(q, v, vdot, period, plant_step)
     now = times(A, vdot) + b
-    use = (np.abs(now) / L).max()
-    if use <= _CALM:
-        use = max(use, (np.abs(times(A, -rate / T) + b) / L).max())
-    if use <= _CALM:
-        return True, 1.0 - use, -1, *nothing
     tau = np.abs(now)
     middle, halfway = state_within(q, v, vdot, 0.5 * period, plant_step)
     tau = np.maximum(tau, np.abs(torques(middle, halfway, vdot, of)))

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.law.admission import ROUNDING
+from crar_drake.law.admission import FIRST, LOWEST, ROUNDING
 from crar_drake.law.approach import Approach, distance_rows
 from crar_drake.law.capsule_distances import distance_gradient_about_origin
 from crar_drake.law.compilation import Held, compiled
@@ -193,6 +193,28 @@ def last_times(
             last[i] = t / line.lasts
             seconds[i] = braking_time(t, line.before, numbers)
     return last, seconds
+
+
+@compiled
+def harmless_share(
+    q: np.ndarray, v: np.ndarray, change: np.ndarray, world: Held
+) -> float:
+    """The share of a change of speed in a period that leads from braking to a state as
+    slow as is harmless, at most 1.
+
+    Args:
+        q, v, change: (nv,), (nv,), (nv,) the state; what is added to the velocity that
+            braking leaves [rad/s or m/s].
+        world: holds `World`.
+    """
+    links, of = world.value.links, world.value.numbers
+    speed = surface_speeds(line_of(q, v, 0.0, of), links)
+    more, share = surface_speeds(line_of(q, change, 0.0, of), links), 1.0
+    for i in range(len(more)):
+        if more[i] > 0.0:
+            left = of.kappa * (of.harmless - speed[i])
+            share = min(share, left / more[i])
+    return max(0.999 * share, 0.0)
 
 
 @compiled
@@ -381,7 +403,13 @@ def link_gaps(
 
 @compiled
 def line_bounds(
-    line: Line, keep: np.ndarray, quick: bool, spheres: Spheres, world: Held
+    q: np.ndarray,
+    v: np.ndarray,
+    before: float,
+    keep: np.ndarray,
+    wanted: int,
+    spheres: Spheres,
+    world: Held,
 ) -> tuple[np.ndarray, float]:
     """(M2) on a whole line: what links lack of what they are to keep of spheres.
 
@@ -393,11 +421,11 @@ def line_bounds(
     rests too near could never leave.
 
     Args:
-        line: the way and the braking path.
+        q, v, before: of `line_of`, the way and the braking path.
         keep: (2, L, N) MOVING what each link is to keep of each sphere besides what
             that can come nearer, and STILL of the sphere as it is [m]; minus infinite
             for nothing.
-        quick: whether one that fails is enough to know.
+        wanted: as in `admission.path_bounds`, of a link and a sphere.
         world: holds `World`.
 
     Returns:
@@ -406,6 +434,7 @@ def line_bounds(
         less what a sphere can come nearer meanwhile, if nothing is lacking [m].
     """
     links, numbers = world.value.links, world.value.numbers
+    line = line_of(q, v, before, numbers)
     curvature = path_curvature(line, links)
     last, seconds = last_times(line, links, numbers)
     begins = place_links(line.start, links)
@@ -444,13 +473,16 @@ def line_bounds(
                     clearance = min(clearance, low)
                     continue
                 fails = begin <= middle <= end and not now >= level - ROUNDING
-                if halving == _HALVINGS or fails and (quick or halving >= _SEARCHED):
+                quick = fails and wanted == FIRST
+                if quick or halving == _HALVINGS or fails and halving >= _SEARCHED:
                     lack = max(level - least, ROUNDING) if least == least else np.inf
                     lacks[kind, i, o] = max(lacks[kind, i, o], lack)
-                    if quick:
+                    if wanted == FIRST:
                         return lacks, clearance
                 else:
-                    below[2 * part, row] = below[2 * part + 1, row] = True
+                    either = not fails or wanted == LOWEST
+                    below[2 * part, row] = either or first < final
+                    below[2 * part + 1, row] = either or not first < final
         open_ = below
         if not open_.any():
             break

@@ -24,6 +24,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from crar_drake.law.admission import (
+    FALLING,
+    FIRST,
+    LOWEST,
     ROUNDING,
     AdmissionGains,
     gradients_at,
@@ -38,12 +41,13 @@ from crar_drake.law.capsule_distances import (
 from crar_drake.law.compilation import Held, compiled, hold
 from crar_drake.law.kinematics import joint_motion
 from crar_drake.law.path_balls import (
+    MANY,
     Balls,
     Shapes,
     curvature,
     near_on_way,
     near_segment,
-    place_ends,
+    place_ways,
 )
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
@@ -151,12 +155,12 @@ def relaxed_distances(
         held: holds `Shapes`.
     """
     shapes, x = held.value, T * v
-    rows, _, _ = near_segment(q, x, distance, shapes)
+    rows, parts, _, _ = near_segment(q, x, distance, MANY, shapes)
     if not len(rows):
         return np.zeros(0)
     keep, straight = np.full(len(rows), distance - ROUNDING), np.zeros(len(x))
     of = shapes.robot.value, shapes.reaches
-    found = path_bounds(q, x, straight, rows, keep, *of, False)
+    found = path_bounds(q, x, straight, rows, keep, *of, parts, LOWEST)
     if not (found.at >= 0.0).any():
         return np.zeros(0)
     kept = np.full(shapes.balls.value.shapes[-1], distance)
@@ -185,7 +189,7 @@ def pair_rows(
     shapes, numbers = held.value, approach.value
     r, balls = shapes.robot.value, shapes.balls.value
     nv, margin = len(v), numbers.distance_margin
-    points, centres = place_ends(q, q + T * v, r, balls)
+    points, centres = place_ways(q, T * v, 1, r, balls)
     ahead = times(balls.reach, np.abs(s)) / numbers.approach_rate
     # Of both links together no more than the influence distance.
     ahead = np.minimum(ahead, 0.5 * (numbers.influence_distance - margin))
@@ -237,7 +241,7 @@ def check_pairs(
         start, x, k_0 = q, (q_next + x) - q, 0.0
         k_1 = (period + T) * period / T
     straight, every = np.zeros(nv), shapes.robot.value.pairs.value
-    rows, clearance, points = near_segment(start, x, floor, shapes)
+    rows, parts, clearance, points = near_segment(start, x, floor, MANY, shapes)
     none = np.zeros((0, nv)), np.zeros(0), np.zeros(nv)
     if len(rows) and one_segment and not correct:
         # A pair that is too near at the end is enough to know.
@@ -249,8 +253,11 @@ def check_pairs(
         keep = np.full(len(rows), floor)
         if len(kept):
             keep = np.minimum(kept[rows], floor)
-        r, reaches, quick = shapes.robot.value, shapes.reaches, not correct
-        bounds = path_bounds(start, x, straight, rows, keep, r, reaches, quick)
+        r, reaches, wanted = shapes.robot.value, shapes.reaches, FIRST
+        if correct:
+            wanted = FALLING
+        of_path = start, x, straight, rows, keep, r, reaches
+        bounds = path_bounds(*of_path, parts, wanted)
         worst, most = -1, -np.inf
         for k in range(len(rows)):
             clearance = min(clearance, bounds.low[k])
@@ -298,7 +305,7 @@ def _keeps_way(q, v, s, kept, floor, of, shapes):
     period, T = of.period, of.T
     bend = (0.5 * period * period / T) * (s - v)
     along = period * v + (0.5 * period * of.step / T) * (s - v)
-    points, centres = place_ends(q, q + along + bend, r, balls)
+    points, centres = place_ways(q, along + bend, 1, r, balls)
     fastest = np.maximum(np.abs(along), np.abs(along + 2.0 * bend))
     off = 0.125 * (curvature(fastest, balls) + 2.0 * times(balls.reach, np.abs(bend)))
     rows, _ = near_on_way(centres, points, off, floor, r.pairs.value, balls)
@@ -307,8 +314,10 @@ def _keeps_way(q, v, s, kept, floor, of, shapes):
     if not len(rows):
         return True
     keep, reaches = np.full(len(rows), floor), shapes.reaches
-    way = path_bounds(q, along, bend, rows, keep, r, reaches, True)
+    whole = np.ones((1, len(rows)), np.bool_)
+    way = path_bounds(q, along, bend, rows, keep, r, reaches, whole, FIRST)
     if (way.at >= 0.0).any():
         return False
-    chord = path_bounds(q, along + bend, 0.0 * bend, rows, keep, r, reaches, True)
+    of = q, along + bend, 0.0 * bend, rows, keep, r, reaches, whole
+    chord = path_bounds(*of, FIRST)
     return not (chord.at >= 0.0).any()

@@ -20,6 +20,10 @@ from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.kinematics import Robot, link_poses, place_points
 from crar_drake.law.vectors import times
 
+# Where more pairs of shapes are near, a segment is asked in so many parts: from there
+# on that takes less time.
+MANY, _PARTS = 300, 4
+
 
 class Balls(NamedTuple):
     """The balls about the watched shapes of B links; made by `robot.balls.find_balls`.
@@ -135,39 +139,67 @@ def least_length(x, y, z, u, v, w):
 
 
 @compiled
-def place_ends(
-    start: np.ndarray, end: np.ndarray, r: Robot, balls: Balls
+def place_ways(
+    start: np.ndarray, x: np.ndarray, parts: int, r: Robot, balls: Balls
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The links where a segment in joint space begins and ends, (nv,), (nv,).
+    """The links where equal parts of a segment begin and end, from `start` by x in
+    joint space, (nv,), (nv,).
 
     Returns:
-        (2, P, 3) points of the shapes, as `ShapePairs` wants them; (2, B, 3) centres of
-        the links' bounding spheres [m].
+        (parts + 1, P, 3) points of the shapes, as `ShapePairs` wants them; (parts + 1,
+        B, 3) centres of the links' bounding spheres [m].
     """
-    both = np.empty((2, len(start)))
-    for i in range(len(start)):
-        both[0, r.positions[i]], both[1, r.positions[i]] = start[i], end[i]
-    X = link_poses(both, r.tree.value, r.tree.value.every)
+    places = np.empty((parts + 1, len(start)))
+    for k in range(parts + 1):
+        for i in range(len(start)):
+            places[k, r.positions[i]] = start[i] + (k / parts) * x[i]
+    X = link_poses(places, r.tree.value, r.tree.value.every)
     points = place_points(X, r.selection, r.first)
     return points, place_points(X, balls.centre, balls.first)
 
 
 @compiled
 def near_segment(
-    start: np.ndarray, x: np.ndarray, distance: float, shapes: Shapes
-) -> tuple[np.ndarray, float, np.ndarray]:
+    start: np.ndarray, x: np.ndarray, distance: float, many: int, shapes: Shapes
+) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
     """The pairs of shapes that may come nearer than a distance [m] on a segment that
     leads from `start` by x, (nv,) each.
 
+    If they are more than `many`, the segment is long: of a quarter of it the bound of
+    curvature is a sixteenth.
+
     Returns:
-        (k,) which; no distance of the others is smaller [m]; (2, P, 3) the points where
-        the segment begins and ends [m].
+        (k,) which; (parts, k) bool, in which parts of the segment, as `path_bounds`
+        wants them; no other distance is smaller [m]; (2, P, 3) the points where the
+        segment begins and ends [m].
     """
     r, balls = shapes.robot.value, shapes.balls.value
-    points, centres = place_ends(start, start + x, r, balls)
-    bend = 0.125 * curvature(x, balls)
-    rows, low = near_on_way(centres, points, bend, distance, r.pairs.value, balls)
-    return rows, low, points
+    pairs, bend = r.pairs.value, 0.125 * curvature(x, balls)
+    points, centres = place_ways(start, x, 1, r, balls)
+    rows, low = near_on_way(centres, points, bend, distance, pairs, balls)
+    if len(rows) <= many:
+        return rows, np.ones((1, len(rows)), np.bool_), low, points
+    ways, centres = place_ways(start, x, _PARTS, r, balls)
+    near, low, bend = (
+        np.zeros((_PARTS, balls.shapes[-1]), np.bool_),
+        np.inf,
+        bend / 16.0,
+    )
+    for k in range(_PARTS):
+        of = centres[k : k + 2], ways[k : k + 2], bend
+        rows, least = near_on_way(*of, distance, pairs, balls)
+        low = min(low, least)
+        for row in rows:
+            near[k, row] = True
+    some = near[0].copy()
+    for k in range(1, _PARTS):
+        some |= near[k]
+    rows = np.flatnonzero(some)
+    parts = np.empty((_PARTS, len(rows)), np.bool_)
+    for k in range(_PARTS):
+        for i in range(len(rows)):
+            parts[k, i] = near[k, rows[i]]
+    return rows, parts, low, points
 
 
 @compiled

@@ -17,7 +17,7 @@ from crar_drake.law.compilation import Held, compiled, hold
 from crar_drake.law.kinematics import find_state
 from crar_drake.law.nominal import Nominal
 from crar_drake.law.one_sided import one_sided_nearest_in
-from crar_drake.law.path_balls import Shapes, near_on_way, place_ends
+from crar_drake.law.path_balls import Shapes, near_on_way, place_ways
 from crar_drake.law.placed_shapes import distances_at
 from crar_drake.law.references import (
     References,
@@ -247,7 +247,7 @@ def pair_rows_ahead(
     all_rows, all_least = np.zeros((0, N * n)), np.zeros(0)
     for i in range(N):
         until = preview.times[i] + preview.coasting
-        ends, centres = place_ends(q + x[i], q + x[i], r, balls)
+        ends, centres = place_ways(q + x[i], 0.0 * q, 1, r, balls)
         some, _ = near_on_way(centres, ends, still, _NEAR, pairs, balls)
         if not len(some):
             continue

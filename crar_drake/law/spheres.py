@@ -14,6 +14,7 @@ are evaded, (M5).
 import numpy as np
 
 from crar_drake.errors import ScenarioError
+from crar_drake.law.admission import FALLING, FIRST, LOWEST
 from crar_drake.law.approach import Approach
 from crar_drake.law.compilation import hold
 from crar_drake.law.moving_obstacles import (
@@ -22,11 +23,10 @@ from crar_drake.law.moving_obstacles import (
     Spheres,
     World,
     evading_rows,
+    harmless_share,
     line_bounds,
-    line_of,
     passing,
     sphere_rows,
-    surface_speeds,
 )
 from crar_drake.law.obstacles import NOBODY, Obstacles, Regions, Seen, at_places
 from crar_drake.law.pairs import of_controlled
@@ -143,8 +143,7 @@ class MovingSpheres:
         links are to keep of spheres, all alike or (N,) [m]."""
         keep = np.empty((2, len(self.links), len(spheres.radius)))
         keep[MOVING], keep[STILL] = moving, still
-        line = line_of(q, v, 0.0, self._numbers)
-        return line_bounds(line, keep, False, spheres, self._world)[0]
+        return line_bounds(q, v, 0.0, keep, LOWEST, spheres, self._world)[0]
 
     def place(self, regions: Regions) -> None:
         """Tells where obstacles are taken to be."""
@@ -199,10 +198,10 @@ class MovingSpheres:
         return rows if self._evading is None else stacked([rows, self._evading])
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
-        period = self._numbers.period
-        line = line_of(state.q, _after(state, s), period, self._numbers)
-        of = self._keep, not correct, self._spheres, self._world
-        lacks, clearance = line_bounds(line, *of)
+        wanted = FALLING if correct else FIRST
+        of = self._keep, wanted, self._spheres, self._world
+        line = state.q, _after(state, s), self._numbers.period
+        lacks, clearance = line_bounds(*line, *of)
         if not lacks.any():
             return SafetyCheck(True, clearance)
         _, *worst = np.unravel_index(np.argmax(lacks), lacks.shape)
@@ -211,21 +210,9 @@ class MovingSpheres:
         if not correct:
             return check
         failed = self._links.carried[lacks.any(axis=(0, 2))]
-        share = self._harmless_share(state, s)
+        share = state.period / state.T
+        share = harmless_share(state.q, state.v, share * s, self._world)
         return check._replace(joints=failed.any(axis=0), share=share)
-
-    def _harmless_share(self, state: State, s: np.ndarray) -> float:
-        """The share of s (nv,) that leads to a state as slow as is harmless, at most
-        1."""
-        of = self._numbers
-        v, asked = (
-            surface_speeds(line_of(state.q, x, 0.0, of), self._links)
-            for x in (state.v, state.period / state.T * s)
-        )
-        left = of.kappa * of.harmless - (1.0 - state.period / state.T) * v
-        moved = asked > 0.0
-        share = np.min(left[moved] / asked[moved], initial=1.0)
-        return float(np.clip(0.999 * share, 0.0, 1.0))
 
     def clear_after(self, braked: bool) -> np.ndarray:
         """(N,) bool, of which spheres the next state is safe: the present one is, or

@@ -232,10 +232,11 @@ def step(state: State, constraints: Sequence[Constraint]) -> Step:
         objections.update(found.objections)
     if asked is None:
         s = state.whole(clipped(state.nominal, state.lowest, state.highest))
-        found = examine(constraints, state, s)
-        if found.safe:
-            return Step(s, CORRECTED, 1.0, objections, found.clearances)
-        objections = {**found.objections, **objections}
+        if desired is None or not np.array_equal(s, desired):
+            found = examine(constraints, state, s)
+            if found.safe:
+                return Step(s, CORRECTED, 1.0, objections, found.clearances)
+            objections = {**found.objections, **objections}
         asked = _rows(state, constraints)
     rows, how = list(asked), AS_NOMINAL
     for k in range(CORRECTIONS + 1):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.law.admission import path_bounds, reaching, travel
+from crar_drake.law.admission import LOWEST, path_bounds, reaching, travel
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.placed_shapes import shape_distances
 from crar_drake.robot.model import ControlModel
@@ -104,7 +104,9 @@ def bounds_between(
             clear = True
             if len(rows):
                 keep, of = np.full(len(rows), level), (robot.value, reaches)
-                found = path_bounds(start, x, straight, rows, keep, *of, False)
+                whole = np.ones((1, len(rows)), np.bool_)
+                path = start, x, straight, rows, keep, *of, whole
+                found = path_bounds(*path, LOWEST)
                 for i in range(len(rows)):
                     if found.at[i] < 0.0:
                         low[rows[i]] = max(low[rows[i]], found.low[i])

@@ -294,10 +294,38 @@ def test_compiling_is_told_with_how_far_it_is(monkeypatch):
     monkeypatch.setattr(compilation, "_REPORTED_EVERY", 0.0)
     told = []
     with compilation.when_compiling(told.append):
+        assert numba.njit(lambda x: x)(1.0) == 1.0  # of another package
         assert told == []
-        for amount in (1.0, 2.0, 3.0):
-            assert numba.njit(lambda x, amount=amount: x + amount)(1.0) == 1.0 + amount
+        for function in (_once, _twice, _thrice):
+            assert compilation.compiled(function)(1.0) > 0.0
     assert told[0] == compilation.COMPILING
     assert re.fullmatch(r"1 functions compiled in \d+ s", told[1])
     assert re.fullmatch(r"2 functions compiled in \d+ s", told[2])
     assert len(told) == 3
+
+
+def _once(x):
+    return x
+
+
+def _twice(x):
+    return 2.0 * x
+
+
+def _thrice(x):
+    return 3.0 * x
+
+
+def test_a_library_says_once_on_stderr_that_it_compiles(tmp_path):
+    program = (
+        "import numpy as np; from crar_drake.law.vectors import dot, largest;"
+        "print(dot(np.ones(3), np.ones(3)), largest(np.ones(3)))"
+    )
+    for told in (f"crar_drake: {compilation.COMPILING}\n", ""):
+        ran = subprocess.run(
+            [sys.executable, "-c", program],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True,
+            text=True,
+        )
+        assert (ran.stdout, ran.stderr) == ("3.0 1.0\n", told)

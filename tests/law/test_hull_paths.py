@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from small_robots import chain_urdf, make_model
 
 from crar_drake.judging.referee import Referee
-from crar_drake.law.admission import path_bounds, travel
+from crar_drake.law.admission import LOWEST, path_bounds, travel
 from crar_drake.law.compilation import hold
 from crar_drake.law.kinematics import link_poses, place_points
 from crar_drake.robot.description import load_robot_description
@@ -89,7 +89,15 @@ def test_no_distance_on_a_path_is_below_what_is_found(paths, seed) -> None:
     start, x, bend = drawn(paths, seed)
     level = np.full(len(paths.of), np.random.default_rng(seed).choice([0.004, 0.03]))
     bounds = path_bounds(
-        start, x, bend, paths.rows, level, paths.robot, paths.reaches, False
+        start,
+        x,
+        bend,
+        paths.rows,
+        level,
+        paths.robot,
+        paths.reaches,
+        np.ones((1, len(paths.rows)), bool),
+        LOWEST,
     )
     t = np.linspace(0.0, 1.0, 16)[:, None]
     judged = paths.judged(start + t * x + t * t * bend)
@@ -105,7 +113,15 @@ def test_most_that_is_clear_is_found_to_be(paths) -> None:
         start, x, bend = drawn(paths, seed)
         level = np.full(len(paths.of), 0.004)
         bounds = path_bounds(
-            start, x, bend, paths.rows, level, paths.robot, paths.reaches, False
+            start,
+            x,
+            bend,
+            paths.rows,
+            level,
+            paths.robot,
+            paths.reaches,
+            np.ones((1, len(paths.rows)), bool),
+            LOWEST,
         )
         t = np.linspace(0.0, 1.0, 15)[:, None]
         far = paths.judged(start + t * x + t * t * bend) > 0.009

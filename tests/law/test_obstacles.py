@@ -22,11 +22,11 @@ from crar_drake import (
     ScenarioError,
 )
 from crar_drake.judging.obstacle_judge import ObstacleJudge
+from crar_drake.law.admission import LOWEST
 from crar_drake.law.moving_obstacles import (
     Spheres,
     braking_time,
     line_bounds,
-    line_of,
     nearest_to,
     passing,
 )
@@ -116,8 +116,8 @@ def test_what_is_found_clear_is_so_at_every_place(robot):
         shape = centre[None], np.array([radius])
         one = Spheres(*shape, np.array([V]))
         floor = np.full((2, len(filter.links), 1), FLOOR)
-        line = line_of(q, v, PERIOD, numbers)
-        lacking, clearance = line_bounds(line, floor, False, one, world)
+        of = floor, LOWEST, one, world
+        lacking, clearance = line_bounds(q, v, PERIOD, *of)
         sigma = (links.reach + links.turned) @ np.abs(v)
         u_end = numbers.kappa * (1.0 - numbers.kappa * V_OK / np.maximum(sigma, 1e-12))
         fast = sigma > numbers.kappa * V_OK

@@ -23,6 +23,8 @@ from pydrake.systems.framework import DiagramBuilder
 from sliding_balls import BOTH, among_posts
 
 from crar_drake.law.admission import (
+    FALLING,
+    LOWEST,
     gradients_at,
     next_path,
     path_bounds,
@@ -45,6 +47,11 @@ T = 2.5 / 30.0  # as long a braking path as there is by default [s]
 
 def shipped(robot: str) -> ControlModel:
     return ControlModel.FromDescription(load_robot_description(robot), [])
+
+
+def whole(rows: np.ndarray) -> np.ndarray:
+    """All of a path, of these pairs."""
+    return np.ones((1, len(rows)), dtype=bool)
 
 
 @pytest.fixture(
@@ -329,7 +336,8 @@ def test_the_shadow_gap_is_the_smallest_of_linear_motion(seed: int) -> None:
     p_a, u, p_b, v = rng.normal(size=(4, k, 3))
     a, b = rng.normal(size=(2, k, 6)) * rng.choice([0.1, 3.0])
     at, some = np.concatenate((p_a, p_b, u, v)), np.arange(k)
-    found = shadow_gap(n, at, shape_pairs(some, some + k, 2 * k), some, a, b, half)
+    of = n, at, shape_pairs(some, some + k, 2 * k), some, a, b, half
+    found = np.minimum(*shadow_gap(*of))
     gaps = []
     for t in np.linspace(-half, half, 41):
 
@@ -357,9 +365,24 @@ def test_no_distance_on_a_path_is_below_its_bound(shapes: MovingShapes) -> None:
         true, slack = true[rows], slack[rows]
         level = true - slack
         bounds = path_bounds(
-            start, x, 0.0 * x, rows, level, shapes.robot, shapes.held, False
+            start,
+            x,
+            0.0 * x,
+            rows,
+            level,
+            shapes.robot,
+            shapes.held,
+            whole(rows),
+            LOWEST,
         )
         shown = bounds.at < 0.0
+        # Where distances fall no pair is missed, and the place is below its level.
+        of = start, x, 0.0 * x, rows, level, shapes.robot, shapes.held, whole(rows)
+        falling = path_bounds(*of, FALLING)
+        np.testing.assert_array_equal(falling.at < 0.0, shown)
+        sure = bounds.d < level
+        assert (falling.d[sure] < level[sure]).all()
+        assert (falling.d[sure] >= bounds.d[sure] - 1e-12).all()
         assert (true[shown] >= level[shown] - 1e-12).all()
         assert (bounds.low[shown] <= true[shown] + 1e-12).all()
         assert (bounds.low[shown] >= level[shown]).all()
@@ -390,7 +413,7 @@ def test_no_distance_on_a_bent_path_is_below_its_bound(shapes: MovingShapes) -> 
         slack = rng.choice([-0.02, -1e-6, 1e-6, 1e-3, 0.01], size=len(true))
         rows, level = np.arange(len(true)), true - slack
         bounds = path_bounds(
-            start, x, bend, rows, level, shapes.robot, shapes.held, False
+            start, x, bend, rows, level, shapes.robot, shapes.held, whole(rows), LOWEST
         )
         shown = bounds.at < 0.0
         assert (true[shown] >= level[shown] - 1e-6).all()  # the samples' spacing
@@ -417,7 +440,7 @@ def test_gradients_are_those_of_the_distances_where_they_fail(
     level = d.min(axis=0) + rng.choice([-0.1, 0.01], size=d.shape[1])
     rows = np.arange(len(level))
     bounds = path_bounds(
-        start, x, 0.0 * x, rows, level, shapes.robot, shapes.held, False
+        start, x, 0.0 * x, rows, level, shapes.robot, shapes.held, whole(rows), LOWEST
     )
     failed, g = gradients_at(start, x, rows, bounds, shapes.robot)
     np.testing.assert_array_equal(failed, np.flatnonzero(bounds.at >= 0.0))
@@ -440,7 +463,15 @@ def test_a_path_without_way_is_its_start(shapes: MovingShapes) -> None:
     for level, expected in ((d - 1e-9, True), (d + 1e-9, False)):
         still = np.zeros(len(start))
         bounds = path_bounds(
-            start, still, still, rows, level, shapes.robot, shapes.held, False
+            start,
+            still,
+            still,
+            rows,
+            level,
+            shapes.robot,
+            shapes.held,
+            whole(rows),
+            LOWEST,
         )
         assert ((bounds.at < 0.0) == expected).all()
 
@@ -455,7 +486,9 @@ def test_what_has_no_distance_is_not_clear(ball) -> None:
     """An overflow makes a NaN of it; and the law brakes then."""
     start, x = np.array([1.0, 1.0]), np.array([np.nan, 0.0])
     rows, level, straight = np.array([0]), np.array([4e-3]), np.zeros(2)
-    bounds = path_bounds(start, x, straight, rows, level, ball.robot, ball.held, False)
+    bounds = path_bounds(
+        start, x, straight, rows, level, ball.robot, ball.held, whole(rows), LOWEST
+    )
     assert bounds.at[0] >= 0.0 and bounds.low[0] == bounds.d[0] == -np.inf
 
 
@@ -466,6 +499,6 @@ def test_a_pair_that_is_not_decided_is_not_clear_however_far(ball) -> None:
     for less, clear in ((100.0, True), (1e-3, False), (-1e-3, False)):
         level = np.array([2000.0 - BOTH - less])
         bounds = path_bounds(
-            start, x, straight, rows, level, ball.robot, ball.held, False
+            start, x, straight, rows, level, ball.robot, ball.held, whole(rows), LOWEST
         )
         assert (bounds.at[0] < 0.0) == clear

@@ -19,7 +19,7 @@ from crar_drake import (
 )
 from crar_drake.errors import InputError, ModelError, ScenarioError
 from crar_drake.judging.referee import Referee
-from crar_drake.law.path_balls import curvature, near_on_way, place_ends
+from crar_drake.law.path_balls import near_segment
 from crar_drake.robot.description import (
     GROUND,
     RobotDescription,
@@ -531,24 +531,25 @@ def test_the_pairs_left_out_of_a_way_keep_what_is_claimed(arm):
     model = filter.model
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
     shapes = filter._robot.pairs.shapes.value
-    robot, balls = shapes.robot.value, shapes.balls.value
     rng = np.random.default_rng(5)
     lower, upper = np.maximum(model.lower, -3.0), np.minimum(model.upper, 3.0)
-    left_out = 0
+    left_out = in_parts = 0
     for _ in range(60):
         q = rng.uniform(lower, upper)
         x = rng.normal(size=len(q)) * rng.choice([0.02, 0.2, 1.0])
-        points, centres = place_ends(q, q + x, robot, balls)
-        bend = 0.125 * curvature(x, balls)
-        rows, low = near_on_way(centres, points, bend, 0.03, robot.pairs.value, balls)
-        near = set(model.pairs.pair_of_shapes[rows].tolist())
-        others = [k for k in range(len(model.pairs)) if k not in near]
-        left_out += len(others)
-        assert low >= 0.03
-        if others:
-            ways = (q + u * x for u in np.linspace(0.0, 1.0, 41))
-            assert min(referee.distances(at)[others].min() for at in ways) >= low - 1e-9
-    assert 60 * len(model.pairs) // 10 < left_out < 60 * len(model.pairs)
+        rows, parts, low, _ = near_segment(q, x, 0.03, 20, shapes)
+        assert low >= 0.03 and parts.any(axis=0).all()
+        in_parts += len(parts) > 1
+        for k, some in enumerate(parts):
+            near = set(model.pairs.pair_of_shapes[rows[some]].tolist())
+            others = [pair for pair in range(len(model.pairs)) if pair not in near]
+            left_out += len(others) / len(parts)
+            if others:
+                ways = (q + u * x for u in np.linspace(k, k + 1, 21) / len(parts))
+                least = min(referee.distances(at)[others].min() for at in ways)
+                assert least >= low - 1e-9
+    assert 60 * len(model.pairs) / 10 < left_out < 60 * len(model.pairs)
+    assert in_parts > 5
 
 
 # --- a robot that follows within a bound ------------------------------------------

@@ -25,10 +25,10 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import DiagramBuilder
 
-from crar_drake.law.admission import Reaches
 from crar_drake.law.capsule_distances import capsule_distances
 from crar_drake.law.compilation import hold
 from crar_drake.law.kinematics import Robot
+from crar_drake.law.path_bounds import Reaches
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot.model import ControlModel

@@ -12,7 +12,6 @@ comes back, outside of it how fast it may come near, (L7), if there is such a ra
 
 import numpy as np
 
-from crar_drake.law.admission import velocity_bounds
 from crar_drake.law.approach import Approach
 from crar_drake.law.compilation import compiled
 from crar_drake.law.projection import Rows, hard_rows
@@ -169,3 +168,40 @@ def farthest_beyond(
         if not max(far, fast) <= most:
             joint, of_speed, most = i, fast > far, max(far, fast)
     return joint, of_speed
+
+
+@compiled
+def velocity_bounds(
+    q: np.ndarray,
+    v: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    fastest: np.ndarray,
+    T: float,
+    period: float,
+    step: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(A2): the s that keep q'_s within the joint limits and q_dot' within the speeds.
+
+    Limits that the braking path passes already count as where it ends, speeds that
+    are exceeded as what braking leaves of them: s = 0 is always among these.
+
+    Args:
+        q, v: (n,) state of the controlled joints.
+        lower, upper: (n,) limits [rad], infinite where there is none.
+        fastest: (n,) speed limits [rad/s], infinite where there is none.
+        T, period, step: see `path_bounds.next_path`.
+
+    Returns:
+        (n,), (n,) smallest and largest s, of either sign [rad/s].
+    """
+    e = 0.5 * period * (period + step) / T
+    ends = q + T * v
+    lower = np.minimum(lower, np.minimum(q, ends))
+    upper = np.maximum(upper, np.maximum(q, ends))
+    base = q + (T - e) * v
+    fastest = np.maximum(fastest, np.abs(v) * (1.0 - period / T))
+    per_speed = T / period
+    low = np.maximum((lower - base) / (period + e), v - per_speed * (fastest + v))
+    high = np.minimum((upper - base) / (period + e), v + per_speed * (fastest - v))
+    return np.minimum(low, 0.0), np.maximum(high, 0.0)

@@ -16,16 +16,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.law.admission import FIRST, LOWEST, ROUNDING
 from crar_drake.law.approach import Approach, distance_rows
 from crar_drake.law.capsule_distances import distance_gradient_about_origin
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.kinematics import joint_motion, link_poses, place_points
 from crar_drake.law.path_balls import least_length
+from crar_drake.law.path_bounds import FIRST, LOWEST, ROUNDING
 from crar_drake.law.vectors import dot, product, put, times
 
 # A line is halved so often before a link that is not shown to be clear counts as not,
-# and one that is known not to be has its worst place found: as `admission` has it.
+# and one that is known not to be has its worst place found: as `path_bounds` has it.
 _HALVINGS, _SEARCHED = 7, 4
 # So fast a link may still go where it begins to evade who comes [m/s].
 _FAST = 1.0
@@ -413,7 +413,7 @@ def line_bounds(
 ) -> tuple[np.ndarray, float]:
     """(M2) on a whole line: what links lack of what they are to keep of spheres.
 
-    As `admission.path_bounds`: the gap of two shadows on a fixed direction is concave
+    As `path_bounds`: the gap of two shadows on a fixed direction is concave
     along the line, to the first order, and V t is convex. So in a part of the line it
     is enough to look where the part begins and ends, and where V t ends.
 
@@ -425,7 +425,7 @@ def line_bounds(
         keep: (2, L, N) MOVING what each link is to keep of each sphere besides what
             that can come nearer, and STILL of the sphere as it is [m]; minus infinite
             for nothing.
-        wanted: as in `admission.path_bounds`, of a link and a sphere.
+        wanted: as in `path_bounds`, of a link and a sphere.
         world: holds `World`.
 
     Returns:

@@ -5,7 +5,7 @@ to q_s = q + T q_dot. A period on, the braking path is a part of this segment.
 
 A step s leads to q', and on to q'_s = q' + T q_dot' by (A1). It is safe if every pair
 keeps its distance on the way to q' and on the segment from q' to q'_s, which bounds
-show for the whole of both (`law.admission`, (A3) to (A6)). Where the plant moves
+show for the whole of both (`law.path_bounds`, (A3) to (A6)). Where the plant moves
 in steps of the period the two are one segment. A pair that is nearer than d_0 on the
 present braking path keeps the smallest distance that it has there, its *relaxed*
 distance: so nothing gets worse.
@@ -20,19 +20,10 @@ retreat inside.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.law.admission import (
-    FALLING,
-    FIRST,
-    LOWEST,
-    ROUNDING,
-    AdmissionGains,
-    gradients_at,
-    next_path,
-    path_bounds,
-)
 from crar_drake.law.approach import Approach, distance_rows
 from crar_drake.law.capsule_distances import (
     distance_gradient_about_origin,
@@ -49,6 +40,15 @@ from crar_drake.law.path_balls import (
     near_segment,
     place_ways,
 )
+from crar_drake.law.path_bounds import (
+    FALLING,
+    FIRST,
+    LOWEST,
+    ROUNDING,
+    gradients_at,
+    next_path,
+    path_bounds,
+)
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
 from crar_drake.law.vectors import select_rows, times
@@ -56,6 +56,15 @@ from crar_drake.law.vectors import select_rows, times
 # A correction aims so far above the distance that a pair must keep [m], since a row is
 # linear and the distance is not; it is a part of the 1 mm between d_0 and the margin.
 _SPARE = 3e-4
+
+
+class PathNumbers(NamedTuple):
+    """The numbers of a step and its braking path, see `LookaheadParameters`."""
+
+    T: float  # braking time constant [s]
+    period: float  # of the controller [s]
+    step: float  # of the plant [s], 0 if it moves continuously
+    floor: float  # d_0, which pairs keep [m]
 
 
 class Pairs:
@@ -95,7 +104,7 @@ class Pairs:
         return not len(relaxed_distances(q, v, T, self._distance, self.shapes))
 
     def begin(self, state: State) -> None:
-        self._numbers = AdmissionGains(
+        self._numbers = PathNumbers(
             state.T, state.period, state.plant_step, self._distance
         )
         self._kept = np.zeros(0)
@@ -212,7 +221,7 @@ def check_pairs(
     v: np.ndarray,
     s: np.ndarray,
     kept: np.ndarray,
-    of: AdmissionGains,
+    of: PathNumbers,
     held: Held,
     correct: bool,
 ) -> tuple[bool, float, int, np.ndarray, np.ndarray, np.ndarray]:
@@ -288,7 +297,7 @@ def keep_distance(
     v: np.ndarray,
     s: np.ndarray,
     kept: np.ndarray,
-    of: AdmissionGains,
+    of: PathNumbers,
     held: Held,
 ) -> tuple[bool, float, int]:
     """What `check_pairs` finds first, without rows: arrays take time to hand out."""

@@ -46,7 +46,7 @@ class Shapes(NamedTuple):
     """What pairs need of a robot; made by `pairs.Pairs`."""
 
     robot: Held  # of a `Robot`
-    reaches: Held  # of `admission.Reaches` of its pairs of shapes
+    reaches: Held  # of `path_bounds.Reaches` of its pairs of shapes
     balls: Held  # of `Balls`
 
 

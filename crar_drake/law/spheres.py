@@ -14,7 +14,6 @@ are evaded, (M5).
 import numpy as np
 
 from crar_drake.errors import ScenarioError
-from crar_drake.law.admission import FALLING, FIRST, LOWEST
 from crar_drake.law.approach import Approach
 from crar_drake.law.compilation import hold
 from crar_drake.law.moving_obstacles import (
@@ -31,6 +30,7 @@ from crar_drake.law.moving_obstacles import (
 from crar_drake.law.obstacles import NOBODY, Obstacles, Regions, Seen, at_places
 from crar_drake.law.pairs import of_controlled
 from crar_drake.law.parameters import LookaheadParameters
+from crar_drake.law.path_bounds import FALLING, FIRST, LOWEST
 from crar_drake.law.projection import Rows, stacked
 from crar_drake.law.step import SafetyCheck, State, Step
 from crar_drake.law.tracking_error import joint_errors

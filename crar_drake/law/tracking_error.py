@@ -10,9 +10,9 @@ floor's and the margin's, are those that are left for the robot.
 import numpy as np
 
 from crar_drake.errors import ModelError, ScenarioError
-from crar_drake.law.admission import Reaches, travel
 from crar_drake.law.compilation import Held, hold
 from crar_drake.law.parameters import LookaheadParameters
+from crar_drake.law.path_bounds import Reaches, travel
 from crar_drake.law.placed_shapes import shape_distances
 from crar_drake.robot.description import find_joint
 from crar_drake.robot.model import ControlModel

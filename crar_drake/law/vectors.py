@@ -163,17 +163,6 @@ def cholesky(A: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def some_columns(A: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """A[:, some] (n, k) of A (n, m), contiguous by rows."""
-    B = np.empty((len(A), len(some)))
-    for i in range(len(A)):
-        row = A[i]
-        for k in range(len(some)):
-            B[i, k] = row[some[k]]
-    return B
-
-
-@compiled
 def select_rows(A: np.ndarray, some: np.ndarray) -> np.ndarray:
     """A[some] (k, m) of A (n, m)."""
     B = np.empty((len(some), A.shape[1]))

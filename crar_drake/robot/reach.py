@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.multibody.tree import RigidBody
 
-from crar_drake.law.admission import Reaches
+from crar_drake.law.path_bounds import Reaches
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.kinematics import JointTree
 
@@ -25,7 +25,7 @@ def find_reaches(
     farther end of the shape's axis, stretched out; of a hull, to its farthest corner.
 
     The limits of slides bound how far they take what they carry; where they are beyond
-    their limits, or have none, `law.admission.reaching` looks where they are.
+    their limits, or have none, `law.path_bounds.reaching` looks where they are.
 
     Args:
         pairs: of it; those of other shapes have none.

@@ -2,7 +2,7 @@
 
 Between two frames a motion is taken to go straight in joint space, as those who play
 or interpolate it do. The distance on the whole of such a way is bounded from below as
-that of a braking path is, (A5) of `law.admission`: by a bound, not by samples.
+that of a braking path is, (A5) of `law.path_bounds`: by a bound, not by samples.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.law.admission import LOWEST, path_bounds, reaching, travel
 from crar_drake.law.compilation import Held, compiled
+from crar_drake.law.path_bounds import LOWEST, path_bounds, reaching, travel
 from crar_drake.law.placed_shapes import shape_distances
 from crar_drake.robot.model import ControlModel
 from crar_drake.trajectory.distance_rows import configurations

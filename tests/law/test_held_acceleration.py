@@ -14,8 +14,8 @@ from small_robots import add_controller, add_plant, chain_urdf, make_model
 
 from crar_drake.errors import InputError
 from crar_drake.law import parameters
-from crar_drake.law.admission import velocity_bounds
 from crar_drake.law.control_law import ControlLaw
+from crar_drake.law.limits import velocity_bounds
 from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.law.plausible import fastest_asked
 from crar_drake.law.step import SCALED

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from small_robots import chain_urdf, make_model
 
 from crar_drake.judging.referee import Referee
-from crar_drake.law.admission import LOWEST, path_bounds, travel
 from crar_drake.law.compilation import hold
 from crar_drake.law.kinematics import link_poses, place_points
+from crar_drake.law.path_bounds import LOWEST, path_bounds, travel
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches

@@ -22,7 +22,6 @@ from crar_drake import (
     ScenarioError,
 )
 from crar_drake.judging.obstacle_judge import ObstacleJudge
-from crar_drake.law.admission import LOWEST
 from crar_drake.law.moving_obstacles import (
     Spheres,
     braking_time,
@@ -30,6 +29,7 @@ from crar_drake.law.moving_obstacles import (
     nearest_to,
     passing,
 )
+from crar_drake.law.path_bounds import LOWEST
 from tests.people import Person, Tally, hostile, run_at, witness_of
 
 PERIOD, FLOOR, V_OK = 0.02, 4e-3, 0.05

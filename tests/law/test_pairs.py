@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from sliding_balls import BOTH, among_posts
 
-from crar_drake.law.admission import AdmissionGains
 from crar_drake.law.compilation import Held
 from crar_drake.law.control_law import ControlLaw
-from crar_drake.law.pairs import keep_distance, relaxed_distances
+from crar_drake.law.pairs import PathNumbers, keep_distance, relaxed_distances
 
 T, PERIOD = 0.1, 0.02
 NOTHING = np.zeros(0)
@@ -23,7 +22,7 @@ def shapes() -> Held:
 
 def is_safe(shapes: Held, q, v, s, *gains: float) -> bool:
     """Of a step that begins on a clear path; gains are T, period, step and floor."""
-    return keep_distance(q, v, s, NOTHING, AdmissionGains(*gains), shapes)[0]
+    return keep_distance(q, v, s, NOTHING, PathNumbers(*gains), shapes)[0]
 
 
 @pytest.mark.parametrize("d", [-1e-3, 1e-3, 3.9e-3, 4.1e-3, 0.1])
@@ -32,7 +31,7 @@ def test_at_rest_a_pair_keeps_the_floor_or_what_it_has(shapes, d) -> None:
     kept = relaxed_distances(q, still, T, 4e-3, shapes)
     assert len(kept) == (d < 4e-3)
     np.testing.assert_allclose(kept, d, atol=1e-12)
-    gains = AdmissionGains(T, PERIOD, PERIOD, 4e-3)
+    gains = PathNumbers(T, PERIOD, PERIOD, 4e-3)
     for aside, safe in ((0.0, True), (1e-3, True), (-1e-3, d > 4.05e-3)):
         s = aside * q / np.linalg.norm(q)
         assert keep_distance(q, still, s, kept, gains, shapes)[0] == safe

@@ -22,7 +22,10 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import DiagramBuilder
 from sliding_balls import BOTH, among_posts
 
-from crar_drake.law.admission import (
+from crar_drake.law.capsule_distances import ShapePairs
+from crar_drake.law.hull_distances import no_hulls
+from crar_drake.law.limits import velocity_bounds
+from crar_drake.law.path_bounds import (
     FALLING,
     LOWEST,
     gradients_at,
@@ -32,10 +35,7 @@ from crar_drake.law.admission import (
     reaching,
     shadow_gap,
     travel,
-    velocity_bounds,
 )
-from crar_drake.law.capsule_distances import ShapePairs
-from crar_drake.law.hull_distances import no_hulls
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.kinematics import JointTree

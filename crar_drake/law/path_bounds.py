@@ -116,43 +116,6 @@ def next_path(
 
 
 @compiled
-def velocity_bounds(
-    q: np.ndarray,
-    v: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    fastest: np.ndarray,
-    T: float,
-    period: float,
-    step: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """(A2): the s that keep q'_s within the joint limits and q_dot' within the speeds.
-
-    Limits that the braking path passes already count as where it ends, speeds that
-    are exceeded as what braking leaves of them: s = 0 is always among these.
-
-    Args:
-        q, v: (n,) state of the controlled joints.
-        lower, upper: (n,) limits [rad], infinite where there is none.
-        fastest: (n,) speed limits [rad/s], infinite where there is none.
-        T, period, step: see `next_path`.
-
-    Returns:
-        (n,), (n,) smallest and largest s, of either sign [rad/s].
-    """
-    e = 0.5 * period * (period + step) / T
-    ends = q + T * v
-    lower = np.minimum(lower, np.minimum(q, ends))
-    upper = np.maximum(upper, np.maximum(q, ends))
-    base = q + (T - e) * v
-    fastest = np.maximum(fastest, np.abs(v) * (1.0 - period / T))
-    per_speed = T / period
-    low = np.maximum((lower - base) / (period + e), v - per_speed * (fastest + v))
-    high = np.minimum((upper - base) / (period + e), v + per_speed * (fastest - v))
-    return np.minimum(low, 0.0), np.maximum(high, 0.0)
-
-
-@compiled
 def path_curvature(
     x: np.ndarray, moves: np.ndarray, reach: np.ndarray, above: np.ndarray
 ) -> np.ndarray:
@@ -393,12 +356,3 @@ def travel(x: np.ndarray, reach: np.ndarray) -> np.ndarray:
         reach: (k, nv) of `reaching`.
     """
     return times(reach, np.abs(x))
-
-
-class AdmissionGains(NamedTuple):
-    """The numbers of the admission, see `LookaheadParameters`."""
-
-    T: float  # braking horizon [s]
-    period: float  # of the controller [s]
-    step: float  # of the plant [s], 0 if it moves continuously
-    floor: float  # the distance that pairs keep on every braking path [m]

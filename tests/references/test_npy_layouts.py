@@ -91,7 +91,7 @@ def test_what_is_cut_off_or_said_wrongly_is_told(tmp_path: Path) -> None:
     path = tmp_path / "a.npy"
     np.save(path, phuma())
     data = path.read_bytes()
-    with pytest.raises(MotionError, match="is of phuma-npy, not of amass-npy"):
+    with pytest.raises(MotionError, match="those of phuma-npy, not those of amass-npy"):
         read_motion(path, layout="amass-npy")
     for length in (5, 60, len(data) // 2, len(data) - 1):
         path.write_bytes(data[:length])

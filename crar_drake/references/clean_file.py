@@ -355,7 +355,10 @@ class MotionCleaner:
                 self.uncovered,
             )
             certificate["parameters"] = asdict(self._parameters)
-            certificate["motion"] |= {"layout": to.name, "rate": rate_given}
+            read = [motion for motion in given if motion.layout]  # not retargeted
+            guessed = list(dict.fromkeys(g for motion in read for g in motion.guesses))
+            of_file = {"layout": to.name, "rate": rate_given, "guessed": guessed}
+            certificate["motion"] |= of_file
             certificate["options"] = options
             write_certificate(folder / place.name, certificate)
         return rows

@@ -14,15 +14,17 @@ that motions tend to start along +x, a weak evidence.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.references.layout_reader import ORDER_UNKNOWN, Reading
+from crar_drake.references.layouts import TURN
 from crar_drake.references.robot_match import KNOWN_BY_ORDER, matched
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.standing import Standing, mean_tilt
@@ -31,9 +33,11 @@ from crar_drake.references.whole_body import WholeBody
 # How much less tilted one order must be than the other, on average [rad].
 _CLEAR = np.radians(15.0)
 
-# A motion that is more tilted than this tells nothing of the order, and may be in a
-# world with y up; less than that, it stands [rad].
-_TILTED, _UPRIGHT = np.radians(60.0), np.radians(30.0)
+# So much less, and less than a third, are against what files are meant to be [rad].
+_DOUBTED, _THIRD = np.radians(6.0), 1.0 / 3.0
+
+# A motion that is more tilted than this tells nothing of the order [rad].
+_TILTED = np.radians(60.0)
 
 # Who goes so far [m], and this share of it where he looks, goes forwards.
 _WAY, _ALONG = 0.5, 0.5
@@ -83,9 +87,7 @@ def settled(
     if robot is None:
         return left[0].motion
     reading = _by_height(left, robot)
-    if not trusted:
-        _refuse_refuted(reading, readings, robot)
-    return reading.motion
+    return reading.motion if trusted else _unrefuted(reading, readings, robot)
 
 
 # --- the root's orientation and height --------------------------------------------
@@ -109,12 +111,13 @@ def _of_order(
         )
     order, evidence = guess_quaternion_order({k: r.motion for k, r in of.items()})
     if first.usual and not evidence.startswith("sure"):
+        _refuse_doubted(first, of, evidence)
         order = first.order
     if not evidence.startswith("sure") and not first.usual and robot is not None:
         fit = [k for k, r in of.items() if _stands(r.motion, robot)]
         if len(fit) == 1 and fit[0] != order:
             (order,) = fit
-            evidence = f"{evidence}; as {order} its lowest points are at z = 0"
+            evidence = f"{evidence}, and as {order} its lowest points are at z = 0"
     if not order:
         layouts = " or ".join(reading.layout.name for reading in of.values())
         columns = first.layout.root_columns + first.motion.num_joints
@@ -134,6 +137,24 @@ def _of_order(
             f"(--layout {name} takes it as {first.order})"
         )
     return [_with(reading, guess) for reading in chosen]
+
+
+def _refuse_doubted(usual: Reading, of: Mapping[str, Reading], evidence: str) -> None:
+    """Raises MotionError if evidence is against the order that files are meant to have,
+    and not clear enough to take the other."""
+    (other,) = (reading for order, reading in of.items() if order != usual.order)
+    tilted = mean_tilt(usual.motion.root_rotations)
+    less = mean_tilt(other.motion.root_rotations)
+    looks_back = abs(_first_heading(usual.motion)) > 3.0 * np.pi / 4.0
+    goes = _goes_forwards(usual.motion), _goes_forwards(other.motion)
+    if (looks_back and goes == (-1, 1)) or (
+        tilted - less > _DOUBTED and less < _THIRD * tilted
+    ):
+        raise MotionError(
+            f"{usual.motion.source}: quaternions may be {usual.order}, as "
+            f"{usual.layout.name} has them, or {other.order} ({evidence}): say "
+            f"--layout {usual.layout.name} if they are {usual.order}, else convert it"
+        )
 
 
 def _stands(motion: RobotMotion, robot: WholeBody) -> bool:
@@ -176,13 +197,16 @@ def guess_quaternion_order(read: dict[str, RobotMotion]) -> tuple[str, str]:
         looks = ""
     if ahead[order] > 0.0:
         if looks not in ("", order):
-            return "", f"{evidence}; as {order} it goes forwards, but starts along -x"
+            return (
+                "",
+                f"{evidence}, and as {order} it goes forwards, but starts along -x",
+            )
         how = f"as {order} it goes forwards, as {other} backwards"
-        return order, f"NOT sure: {evidence}; {how} (say --layout if that is wrong)"
+        return order, f"NOT sure: {evidence}, and {how} (say --layout if that is wrong)"
     if not looks:
         return "", evidence
     return looks, (
-        f"NOT sure: {evidence}; as {looks} it looks along +x at first, as {away} "
+        f"NOT sure: {evidence}, and as {looks} it looks along +x at first, as {away} "
         "along -x (say --layout if that is wrong)"
     )
 
@@ -217,26 +241,26 @@ def _by_height(readings: list[Reading], robot: WholeBody) -> Reading:
 # --- near relatives ---------------------------------------------------------------
 
 
-def _refuse_refuted(
+def _unrefuted(
     reading: Reading, readings: Sequence[Reading], robot: WholeBody
-) -> None:
-    """Raises MotionError if evidence refutes a reading, or a near relative fits as
-    well."""
+) -> RobotMotion:
+    """The motion of a reading.
+
+    Raises:
+        MotionError: evidence refutes it, or prefers a near relative.
+    """
     motion, source = reading.motion, reading.motion.source
-    standing, name = Standing(motion, robot), reading.motion.layout
-    for what, other in _relatives(reading, readings):
-        if not standing.on_floor and Standing(other, robot).on_floor:
-            if what == "with y up" and not (
-                standing.tilt > _TILTED and Standing(other, robot).tilt < _UPRIGHT
-            ):
-                continue
+    standing = Standing(motion, robot)
+    low = standing.lowest
+    for what, other in () if standing.on_floor else _relatives(reading, readings):
+        stands = Standing(other, robot)
+        if stands.on_floor and stands.tilt < max(standing.tilt, _TILTED):
             raise MotionError(
-                f"{source}: as {name} has it, the robot's lowest points are at "
-                f"{np.median(standing.lowest):.3g} m and its root is tilted by "
+                f"{source}: as {motion.layout} has it, the robot's lowest points are "
+                f"at {np.median(low):.3g} m and its root is tilted by "
                 f"{np.degrees(standing.tilt):.0f} degrees; {what} it stands on the "
                 "floor: convert the file first"
             )
-    low = standing.lowest
     if low.size and (low.min() > _FAR or low.max() < -_FAR):
         raise MotionError(
             f"{source}: the root is at {np.median(motion.root_positions[:, 2]):.4g} m, "
@@ -244,39 +268,52 @@ def _refuse_refuted(
             "floor: are these centimetres or millimetres?"
         )
     _refuse_radians(reading, standing, robot)
-    worst = np.argsort(-standing.beyond)
     many = (standing.beyond > _BEYOND).sum() >= _HOW_MANY
     if many and standing.beyond.sum() > _TOTAL:
+        worst = np.argsort(-standing.beyond)[:3]
         told = ", ".join(
-            f"{robot.joint_names[i]} by {standing.beyond[i]:.2g}" for i in worst[:3]
+            f"{robot.joint_names[i]} by {standing.beyond[i]:.2g}" for i in worst
         )
         raise MotionError(
             f"{source}: joints are far beyond the limits of {robot.description.name} "
             f"({told} rad): is the file in degrees, are its joints in another order, "
             "or is it of another robot?"
         )
+    return motion
 
 
 def _relatives(
     reading: Reading, readings: Sequence[Reading]
 ) -> Iterator[tuple[str, RobotMotion]]:
-    """Yields what is easily taken for a reading, in words, and as it would be."""
-    motion = reading.motion
-    has = reading.layout.metre
+    """Yields what a reading is easily taken for: in words, and what it would be."""
+    motion, layout = reading.motion, reading.layout
+    p = motion.root_positions
     for unit, metre in _UNITS.items():
-        if metre != has:
-            p = motion.root_positions * (metre / has)
-            yield f"with positions in {unit}", replace(motion, root_positions=p)
-    if reading.said:
-        return
-    R = (_FROM_Y_UP * motion.root_rotations).as_quat()[:, [3, 0, 1, 2]]
-    p = _FROM_Y_UP.apply(motion.root_positions)
-    yield "with y up", replace(motion, root_positions=p, root_quaternions=R)
-    for other in readings:
-        if other.order != reading.order:
-            Q = other.motion.root_quaternions
-            turned = replace(motion, root_quaternions=Q)
-            yield f"with quaternions {other.order}", turned
+        # What is low is not made of smaller units: a root may be on the floor itself.
+        if metre > layout.metre or metre < layout.metre < np.median(p[:, 2]) / _FAR:
+            scaled = replace(motion, root_positions=p * (metre / layout.metre))
+            yield f"with positions in {unit}", scaled
+    heights = {0.0, *(r.layout.raised for r in readings)}
+    for other, raised in product(readings, heights):
+        words = [f"quaternions {other.order}"] * (other.order != reading.order)
+        words += [f"heights above {raised:g} m"] * bool(raised)
+        up = p + [0.0, 0.0, raised]
+        turned = other.motion.root_rotations
+        if words:
+            told = f"with {' and '.join(words)}"
+            yield told, _moved(motion, up, turned)
+        if not reading.said:
+            turned, up = _FROM_Y_UP * turned, _FROM_Y_UP.apply(p) + [0.0, 0.0, raised]
+            yield " and ".join(["with y up", *words]), _moved(motion, up, turned)
+    if layout.order == TURN:
+        rows = readings[0].motion.computed["rows"]
+        swapped = _moved(motion, rows[:, 3:6], Rotation.from_rotvec(rows[:, :3]))
+        yield "with rotation before position", swapped
+
+
+def _moved(motion: RobotMotion, p: np.ndarray, R: Rotation) -> RobotMotion:
+    Q = R.as_quat()[:, [3, 0, 1, 2]]
+    return replace(motion, root_positions=p, root_quaternions=Q)
 
 
 def _refuse_radians(reading: Reading, standing: Standing, robot: WholeBody) -> None:

@@ -27,6 +27,9 @@ from crar_drake.motion.robots_own import HEADINGS, cells_of, is_named
 from crar_drake.motion.text_files import read_motion_text
 from crar_drake.references import locomujoco_npz
 
+# To which times of frames are known, as files round them [s].
+_KNOWN_TIMES = 1e-9, 1e-6, 6e-4
+
 FRAME = "Frame"  # a column of a CSV that counts the lines
 
 # What says the columns of a folder's `qpos`, at most so many folders above them; as a
@@ -246,23 +249,18 @@ def stated_rate(where: object, rate: object, key: str) -> float:
         MotionError: it is neither.
     """
     values = np.asarray(rate)
-    if values.dtype.kind in "fiu" and values.ndim == 1 and len(values) > 1:
-        steps = np.diff(values.astype(float))
-        period = float(steps.mean())
-        if key == "time" and period > 0.0 and np.abs(steps - period).max() < _EVEN:
-            return float(np.round(1.0 / period, 6))
-        if key == "time":
-            raise MotionError(
-                f"{where}: times are {steps.min():g} to {steps.max():g} s apart; a "
-                "reference motion has one rate"
-            )
+    if key == "time" and values.size > 1 and np.ptp(values) > 0.0:
+        # The roundest rate whose frames are where times are, as well as they are known.
+        frames, times = np.arange(len(values)), values - values[0]
+        mean = frames[-1] / times[-1]
+        for known in _KNOWN_TIMES:
+            for rounded in (round(float(mean), digits) for digits in range(7)):
+                if rounded and np.abs(times - frames / rounded).max() < known:
+                    return rounded
+        raise MotionError(f"{where}: times are not evenly apart: a motion has one rate")
     if values.size != 1 or values.dtype.kind not in "fiu" or key == "time":
         raise MotionError(f"{where}: {key} is {rate}, not one number")
     return float(values.reshape(()))
-
-
-# Times of frames are evenly apart to this [s]: files round them to milliseconds.
-_EVEN = 1.1e-3
 
 
 def joined(names: Sequence[str], most: int = 6) -> str:

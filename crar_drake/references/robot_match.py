@@ -17,6 +17,9 @@ from crar_drake.references.whole_body import WholeBody
 # versions. Beyond, it is another robot, or joints in another order [m].
 _SAME_LINK = 0.03
 
+# Links that a simulator recorded late are no farther off [m].
+_LATE = 0.3
+
 # Turns of joints are the same to this; files have seven digits [rad].
 _SAME_TURN = 1e-4
 
@@ -216,7 +219,7 @@ def _best(
         others = [error for o, error in links.items() if o != best]
         than = f" (else {1e3 * min(others):.0f} mm)" if others else ""
         how = (
-            f"joints have no names; {best.words}, since then links are where the file "
+            f"joints have no names: {best.words}, since then links are where the file "
             f"says to {1e3 * links[best]:.1f} mm{than}"
         )
         return best, how
@@ -306,9 +309,9 @@ def _links_checked(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
         f"its links are up to {1e3 * off:.0f} mm from where those of "
         f"{robot.description.name} are"
     )
-    if motion.layout != "amp-npz":
+    if motion.layout != "amp-npz" or off > _LATE:
         raise MotionError(f"{motion.source}: {where}: it is of another robot")
-    doubt = f"{where}: another version of it, or recorded late; the joints count"
+    doubt = f"{where}: another version of it, or recorded late, and the joints count"
     return replace(motion, guesses=(*motion.guesses, doubt))
 
 

@@ -14,7 +14,6 @@ from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import SIDES, Fact, Performer, repeated
 from crar_drake.motion.performers.assemble import Recording, assemble
 
-
 # So many more markers with the names of a body's are of another one.
 _SECOND_BODY = 10
 
@@ -101,8 +100,12 @@ def _others(labels: Sequence[str], used: Mapping[str, str], subject: str) -> str
     prefixes = {label.rpartition(":")[0] for label in labels} - {subject, ""}
     if prefixes:
         return f"others: {', '.join(sorted(prefixes))}"
-    left = Counter(labels) - Counter(used.values())
-    alike = [x for x in left.elements() if any(name in x.upper() for name in used)]
+    twice = list((Counter(labels) - Counter(set(labels))).elements())
+    alike = twice + [
+        label
+        for marker, label in used.items()
+        if any(name in marker for name in used if name != marker)
+    ]
     if len(alike) < _SECOND_BODY:
         return ""
     return f"others have {', '.join(alike[:3])} and {len(alike) - 3} more markers"

@@ -103,7 +103,7 @@ def _of_order(
         of.setdefault(reading.order, reading)
     if first.said or len(of) == 1:
         return list(readings)
-    if len({reading.layout.rotation for reading in readings}) > 1:
+    if len({reading.layout.parts[1] for reading in readings}) > 1:
         # Numbers of length 1 in either place: those of one of them by chance.
         names = " or ".join(dict.fromkeys(r.layout.name for r in readings))
         raise MotionError(
@@ -131,12 +131,12 @@ def _of_order(
         return chosen
     guess = f"quaternions are {order}: {evidence}"
     if first.usual and chosen[0].layout == first.layout:
-        name, key = first.layout.name, first.layout.rotation.keys[0]
+        name, key = first.layout.name, first.layout.parts[1].keys[0]
         guess = (
             f"{key} is {order}, not {first.order} as {name} has it: {evidence} "
             f"(--layout {name} takes it as {first.order})"
         )
-    return [_with(reading, guess) for reading in chosen]
+    return [reading.guessing(guess) for reading in chosen]
 
 
 def _refuse_doubted(usual: Reading, of: Mapping[str, Reading], evidence: str) -> None:
@@ -162,11 +162,6 @@ def _stands(motion: RobotMotion, robot: WholeBody) -> bool:
     with suppress(MotionError):
         return Standing(matched(motion, robot), robot).on_floor
     return False
-
-
-def _with(reading: Reading, guess: str) -> Reading:
-    guesses = (guess, *reading.motion.guesses)
-    return replace(reading, motion=replace(reading.motion, guesses=guesses))
 
 
 def guess_quaternion_order(read: dict[str, RobotMotion]) -> tuple[str, str]:
@@ -234,7 +229,7 @@ def _by_height(readings: list[Reading], robot: WholeBody) -> Reading:
         if np.array_equal(q.root_positions, other.motion.root_positions):
             continue
         if Standing(other.motion, robot).on_floor and not Standing(q, robot).on_floor:
-            return _with(other, "its heights are those above the floor: so it stands")
+            return other.guessing("heights are those above the floor: so it stands")
     return usual
 
 

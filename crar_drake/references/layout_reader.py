@@ -25,6 +25,7 @@ from crar_drake.references.layouts import (
     EULER,
     FILE_NAME,
     LAYOUTS,
+    LINK_STATES,
     TURN,
     WXYZ,
     XYZW,
@@ -67,6 +68,11 @@ class Reading:
         """Its layout."""
         return LAYOUTS[self.motion.layout]
 
+    def guessing(self, guess: str) -> Reading:
+        """The same with a guess more, before the others."""
+        guesses = (guess, *self.motion.guesses)
+        return replace(self, motion=replace(self.motion, guesses=guesses))
+
 
 def readings(
     path: Path,
@@ -93,7 +99,7 @@ def readings(
         read = [_Values(where, values, candidate) for candidate in possible]
         turning = [values for values in read if not values.no_rotation()]
         if not turning:
-            raise MotionError(f"{where}{read[0].no_rotation()}{_elsewhere(read[0])}")
+            raise MotionError(f"{where}{read[0].no_rotation()}")
         made = []
         for values in turning:
             source = dict(source=str(path), clip=clip)
@@ -108,30 +114,23 @@ def _clips(
     path: Path, held: object, suffix: str, said: str | None
 ) -> dict[str, Mapping[str, object]]:
     """What a file holds of each of its motions, by its name; "" of a single one."""
-    if not isinstance(held, Mapping) or not held:
-        if suffix == ".npy":
-            raise _unknown(path, {}, suffix)
+    if not isinstance(held, Mapping):
         raise MotionError(f"{path}: it holds no dict, and so no motion")
     if said == locomujoco_npz.NAME or locomujoco_npz.MARKS & held.keys():
         _need(path, held, LAYOUTS[locomujoco_npz.NAME])
         return locomujoco_npz.trajectories(path, held)
-    inner = list(held.values())
-    clips = suffix == ".pkl" and all(isinstance(value, dict) for value in inner)
-    if clips and all(_all_in(value, suffix) for value in inner):
+    clips = suffix == ".pkl" and all(isinstance(v, dict) for v in held.values())
+    if clips and all(_all_in(clip, suffix) for clip in held.values()):
         return {str(name): clip for name, clip in held.items()}
     return {"": held}
 
 
 def _all_in(held: Mapping, suffix: str) -> list[Layout]:
-    """The layouts all of whose keys are there, the marked ones before others."""
-    found = [
-        layout
-        for layout in LAYOUTS.values()
-        if layout.suffix == suffix
-        and all("*" in key or key in held for key in layout.keys)
-        and (not layout.marks or set(layout.marks) & held.keys())
-    ]
-    return [layout for layout in found if layout.marks] or found
+    """The layouts all of whose keys are there, the usual ones first."""
+    of_suffix = [layout for layout in LAYOUTS.values() if layout.suffix == suffix]
+    found = [layout for layout in of_suffix if set(layout.keys) <= held.keys()]
+    trajectories = [layout for layout in found if layout.name == locomujoco_npz.NAME]
+    return trajectories or found
 
 
 def _possible(where: str, held: Mapping, suffix: str, said: str | None) -> list[Layout]:
@@ -141,25 +140,20 @@ def _possible(where: str, held: Mapping, suffix: str, said: str | None) -> list[
         MotionError: there is none, or not the one that is said.
     """
     found = _all_in(held, suffix)
-    if not found and (said is None or LAYOUTS[said].joints.keys[0] in held):
-        raise _unknown(where, held, suffix)
-    in_joints = [layout for layout in found if layout.joints.keys == ("joint_pos",)]
-    if in_joints:
+    if any(layout.parts[2].keys == ("joint_pos",) for layout in found):
         with_root = _has_root(where, held, said)
         found = [layout for layout in found if bool(layout.root_columns) == with_root]
-        if not found and said in (None, "mjlab-npz", "beyondmimic-npz"):
-            _need(where, held, LAYOUTS["mjlab-npz"])
-    names = [layout.name for layout in found]
-    if said is None:
+    if said is None and found:
         return found
-    if said not in names:
-        if suffix == ".csv" and LAYOUTS[said].suffix == ".csv":
-            has = "no heading" if "" in held else "a heading"
-            raise MotionError(f"{where}: it has {has}, which is not as {said} has it")
-        raise MotionError(
-            f"{where}: its keys are those of {joined(names)}, not those of {said}"
-        )
-    return [LAYOUTS[said]]
+    if said in [layout.name for layout in found]:
+        return [LAYOUTS[said]]
+    if said is None or (not found and LAYOUTS[said].parts[2].keys[0] in held):
+        raise _unknown(where, held, suffix)
+    if suffix == LAYOUTS[said].suffix == ".csv":
+        has = "no heading" if "" in held else "a heading"
+        raise MotionError(f"{where}: it has {has}, which is not as {said} has it")
+    names = joined([layout.name for layout in found])
+    raise MotionError(f"{where}: its keys are those of {names}, not those of {said}")
 
 
 def _has_root(where: str, held: Mapping, said: str | None) -> bool:
@@ -183,40 +177,26 @@ def _has_root(where: str, held: Mapping, said: str | None) -> bool:
 
 def _need(where: object, held: Mapping, layout: Layout) -> None:
     """Raises MotionError if keys of a layout are missing."""
-    missing = [key for key in layout.keys if key not in held and "*" not in key]
-    if missing:
+    if missing := [key for key in layout.keys if key not in held]:
         raise MotionError(
             f"{where}: it has no {', '.join(missing)}, as {layout.name} has"
         )
 
 
 def _unknown(where: object, held: Mapping, suffix: str) -> MotionError:
-    """What to say of a file that is of no layout."""
+    """What to say of a file that is of no layout; what the nearest one has, if any."""
     layouts = [x for x in LAYOUTS.values() if x.suffix == suffix and "" not in x.keys]
-    for layout in layouts:
-        # Joints are there: what is missing is told.
-        if suffix in (".csv", ".npz") and layout.joints.keys[0] in held:
-            _need(where, held, layout)
-        if suffix == ".csv" and set(layout.position.keys) <= held.keys():
-            _need(where, held, layout)
-    if suffix == ".npz":
-        keys = dict.fromkeys(layout.joints.keys[0] for layout in layouts)
-        log = "; it looks like the log of a run" if "signed_distances" in held else ""
-        return MotionError(
-            f"{where}: it has no {' or '.join(keys)}, and so is no motion of a robot"
-            f"{log}"
-        )
-    if len(layouts) == 1:
-        (only,) = layouts
-        return MotionError(
-            f"{where}: {only.name} is a dict with {', '.join(only.keys)}; this has "
-            f"{joined(held)}"
-        )
+
+    begun = [x for x in layouts if {*x.keys, *x.names} & held.keys()]
+    for layout in sorted(begun, key=lambda x: len(set(x.keys) - held.keys())):
+        _need(where, held, layout)
     known = "; ".join(
         f"{layout.used_by.split(',')[0]}'s has {', '.join(layout.keys)}"
         for layout in layouts
     )
-    return MotionError(f"{where}: it is no motion: {known}; this has {joined(held)}")
+    log = " (it looks like the log of a run)" if "signed_distances" in held else ""
+    has = f"; this has {joined(held)}"
+    return MotionError(f"{where}: it is no motion{log}: {known}{has}")
 
 
 class _Values:
@@ -230,100 +210,85 @@ class _Values:
         self.where, self.held, self.layout = where, held, layout
         self.names = next(filter(None, (texts(held.get(k)) for k in layout.names)), ())
         position, rotation, joints = layout.parts
-        self.columns = self._joint_columns() if "*" in joints.keys[0] else joints.keys
+        if layout.has_columns:
+            joints = self._named_columns(joints.keys[0].removeprefix("*"))
         self.position = self._of(position, 3)
         self.rotation = self._of(rotation, 3 if layout.order in (EULER, TURN) else 4)
         self.joints = self._of(joints, None)
-        shapes = {
-            part.keys[0] or "": values
-            for part, values in zip(
-                layout.parts, (self.position, self.rotation, self.joints), strict=True
-            )
-        }
-        if len({len(values) for values in shapes.values()}) > 1 or not len(self.joints):
-            told = ", ".join(f"{key} {value.shape}" for key, value in shapes.items())
-            raise MotionError(
-                f"{where}: numbers of frames differ, or there are none: {told}"
-            )
-        self.objects = self._objects()
-
-    def _joint_columns(self) -> tuple[str, ...]:
-        """Columns of the joints, whose names are what * stands for."""
-        (pattern,) = self.layout.joints.keys
-        end = pattern.removeprefix("*")
-        root = {*self.layout.position.keys, *self.layout.rotation.keys}
-        found = [
-            key
-            for key in self.held
-            if key.endswith(end) and key not in root | {FRAME, self.layout.rate}
+        shapes = [
+            values.shape for values in (self.position, self.rotation, self.joints)
         ]
-        self.names = tuple(key.removesuffix(end) for key in found)
-        return tuple(found)
+        if len({shape[0] for shape in shapes}) > 1 or 0 in shapes[2]:
+            raise MotionError(
+                f"{where}: numbers of frames differ, or there are none: of root and "
+                f"joints {shapes}"
+            )
+        self.objects = None
+        if joints.keys == ("qpos",) and layout.name != locomujoco_npz.NAME:
+            self._part_objects()
+
+    def _named_columns(self, end: str) -> Part:
+        """Columns of the joints, whose names are what stands before an end."""
+        used = {*self.layout.keys, FRAME, self.layout.rate}
+        keys = [key for key in self.held if key.endswith(end) and key not in used]
+        if not keys:
+            raise MotionError(f"{self.where}: its heading has no JOINT{end}")
+        self.names = tuple(key.removesuffix(end) for key in keys)
+        return Part(tuple(keys))
 
     def _of(self, part: Part, count: int | None) -> np.ndarray:
         """(T, count) of a part; of links the root's."""
-        where, held = self.where, self.held
-        if part.keys[0] not in held or len(part.keys) > 1:
-            keys = self.columns if "*" in part.keys[0] else part.keys
-            if not keys:
-                what = part.keys[0].replace("*", "JOINT")
-                raise MotionError(f"{where}: its heading has no {what}")
-            return np.column_stack([numbers(where, held, k, None) for k in keys])
+        where, held, before = self.where, self.held, self.layout.root_columns
+        if self.layout.has_columns:
+            return np.column_stack([numbers(where, held, k, None) for k in part.keys])
         (key,) = part.keys
         if part.of_links:
             values = numbers(where, held, key, None, None, count)
             if not values.size:
                 raise MotionError(f"{where}: {key} {values.shape} is of no link")
             return values[:, 0]
-        shared = self.layout.root_columns > 0
-        values = numbers(where, held, key, None, None if shared else count)
-        if shared and values.shape[1] <= self.layout.root_columns:
+        values = numbers(where, held, key, None, None if before else count)
+        if before and values.shape[1] <= before:
             raise MotionError(
                 f"{where}: {key or 'it'} has {values.shape[1]} columns; a robot's "
                 "motion has x, y, z, its root's orientation, and at least one joint"
             )
         return values[:, part.first :][:, :count]
 
-    def _objects(self) -> np.ndarray | None:
-        """Poses of objects behind the joints of `qpos`, which are taken from them."""
-        if self.layout.joints.keys != ("qpos",) or self.layout.marks:
-            return None
-        first = self.layout.rotation.first
-        keep = self.joints.shape[1]
-        while keep > 7:
-            last = self.joints[:, keep - 7 : keep][:, first : first + 4]
-            if not _are_rotations(last) or keep == len(self.names):
-                break
+    def _part_objects(self) -> None:
+        """Takes poses of objects from behind the joints of `qpos`: what has quaternions
+        there, and no names."""
+        keep, first = self.joints.shape[1], self.layout.parts[1].first
+        while keep > max(7, len(self.names)) and _are_rotations(
+            self.joints[:, keep - 7 : keep][:, first : first + 4]
+        ):
             keep -= 7
-        if keep == self.joints.shape[1]:
-            return None
-        self.joints, objects = self.joints[:, :keep], self.joints[:, keep:]
-        return objects
+        if keep < self.joints.shape[1]:
+            self.joints, self.objects = self.joints[:, :keep], self.joints[:, keep:]
 
     def no_rotation(self) -> str:
         """What is wrong with the root's quaternions, or ""."""
         if self.layout.order not in FROM_WXYZ:
             return ""
-        first, what = self.layout.rotation.first, self.layout.rotation.keys[0]
+        first, what = self.layout.parts[1].first, self.layout.parts[1].keys[0]
         if self.layout.root_columns:
             what = f"the root's quaternion (columns {first + 1} to {first + 4})"
         length = np.linalg.norm(self.rotation, axis=1)
-        zero = np.flatnonzero(length < 1e-6)
-        if len(zero):
+        if len(zero := np.flatnonzero(length < 1e-6)):
             return f", frame {zero[0] + 1}: {what} has length zero"
         if _are_rotations(self.rotation) or not np.isfinite(length).all():
             return ""  # what is no finite number is told of any column
         frame = int(np.abs(length - 1.0).argmax())
         return (
             f": {what} in frame {frame + 1} has length {length[frame]:.3g}, and is no "
-            "rotation"
+            "rotation; a root that stands elsewhere is to be put there"
         )
 
     def readings(
         self,
         rate: float | None,
         joint_names: Sequence[str] | None,
-        source: dict[str, str],
+        source: Mapping[str, str],
         said: bool,
     ) -> Iterator[Reading]:
         """Yields the motion, and that with the quaternion's other order, if there is
@@ -332,8 +297,8 @@ class _Values:
         motion = self._motion(rate, joint_names, source)
         yield Reading(motion, layout.order, layout.usual, said)
         other = {WXYZ: XYZW, XYZW: WXYZ}.get(layout.order)
-        alike = [x for x in LAYOUTS.values() if x.parts == layout.parts]
-        if said or other is None or other in {x.order for x in alike}:
+        alike = {x.order for x in LAYOUTS.values() if x.parts == layout.parts}
+        if said or other is None or other in alike:
             return
         quaternions = _quaternions(self.rotation.astype(float), other)
         # What follows from the root is in another order, too.
@@ -343,7 +308,7 @@ class _Values:
 
     def _motion(self, rate, joint_names, source) -> RobotMotion:
         layout, guesses = self.layout, []
-        rate = self._rate(rate, guesses)
+        rate = self._rate(guesses) if rate is None else float(rate)
         position = layout.metre * self.position.astype(float)
         if 7 + self.joints.shape[1] == layout.raised_columns:
             position = position + [0.0, 0.0, layout.raised]
@@ -352,12 +317,10 @@ class _Values:
                 f"those above its first pose, {layout.raised:g} m"
             )
         if self.objects is not None:
-            guesses.append(
-                f"the last {self.objects.shape[1]} of its columns are poses of objects"
-            )
+            columns = self.objects.shape[1]
+            guesses.append(f"the last {columns} of its columns are poses of objects")
         if MANIFEST in self.held:
             guesses.append(f"its joints and rate are those of {self.held[MANIFEST]}")
-        precision = self.joints.dtype.name
         return RobotMotion(
             joint_names=self.names or tuple(joint_names or ()),
             root_positions=position,
@@ -365,22 +328,18 @@ class _Values:
             joint_positions=layout.radian * self.joints.astype(float),
             rate=rate,
             layout=layout.name,
-            precision="" if layout.suffix == ".csv" else precision,
+            precision="" if layout.suffix == ".csv" else self.joints.dtype.name,
             guesses=tuple(guesses),
             extras=self._extras(),
             computed=self._computed(),
             **source,
         ).as_read()
 
-    def _rate(self, rate: float | None, guesses: list[str]) -> float:
+    def _rate(self, guesses: list[str]) -> float:
         layout, key = self.layout, self.layout.rate
-        if rate is not None:
-            return float(rate)
         usual = f"{layout.usual_rate:g} Hz, the usual rate of such files"
         if key == FILE_NAME:
-            place = Path(self.where.partition(", clip")[0])
-            named = _IN_NAME.search(place.stem)
-            if named:
+            if named := _IN_NAME.search(Path(self.where).stem):
                 return float(named[1])
             guesses.append(f"{usual}: its name has none")
         elif key and key in self.held:
@@ -391,10 +350,10 @@ class _Values:
         return layout.usual_rate
 
     def _computed(self) -> dict[str, object]:
-        """What follows from motion and robot, under the keys of `Links`."""
+        """What follows from motion and robot; of links by names of `LINK_STATES`."""
         layout, held = self.layout, self.held
         keys = {"joint_vel": layout.velocities} | {k: k for k in layout.computed}
-        keys |= link_keys(layout)
+        keys |= dict(zip(LINK_STATES, layout.links[1:], strict=False))
         found = {ours: held[key] for ours, key in keys.items() if key in held}
         if layout.order not in FROM_WXYZ or layout.raised or layout.radian != 1.0:
             # These are not the same to the last bit after two conversions.
@@ -402,33 +361,30 @@ class _Values:
         return found
 
     def _extras(self) -> dict[str, object]:
-        layout = self.layout
-        used = {*layout.keys, layout.rate, layout.velocities, *layout.computed}
-        used |= {
-            *link_keys(layout).values(),
-            *layout.names[:1],
-            FRAME,
-            MANIFEST,
-            "",
-            *self.columns,
-        }
-        extras = {str(k): value for k, value in self.held.items() if k not in used}
-        if self.objects is not None:
-            extras[OBJECTS] = self.objects
-        return extras
+        layout, found = self.layout, {}
+        if not layout.has_columns:
+            used = {*layout.keys, layout.rate, layout.velocities, MANIFEST}
+            used |= {*layout.links[1:], *layout.computed, *layout.names[:1]}
+            found = {str(k): v for k, v in self.held.items() if k not in used}
+        return found if self.objects is None else found | {OBJECTS: self.objects}
 
 
-def link_keys(layout: Layout) -> dict[str, str]:
-    """Keys of what follows from the robot's links, by those that they have here."""
-    if layout.links is None:
-        return {}
-    links = layout.links
-    return {
-        "body_pos_w": links.positions,
-        "body_quat_w": links.rotations,
-        "body_lin_vel_w": links.velocities,
-        "body_ang_vel_w": links.spins,
-    }
+def _by_links(where: str, held: Mapping, made: list[Reading]) -> list[Reading]:
+    """Of readings that differ by the order of joints those that links tell, by which of
+    them hang on the one before; all, if they do not tell."""
+    p = numbers(where, held, "body_pos_w", None, None, 3).astype(float)
+    apart = np.linalg.norm(np.diff(p[:, 1:], axis=1), axis=2)
+    share = float((np.ptp(apart, axis=0) < _RIGID).mean()) if apart.size else 1.0
+    guess = f"{ORDER_UNKNOWN}depth first or breadth first cannot be guessed"
+    kept = made
+    if share > _DEPTH_FIRST_SHARE:
+        guess = "joints are depth first, as MuJoCo's"
+        kept = [reading for reading in made if not reading.layout.breadth_first]
+    elif share < _BREADTH_FIRST_SHARE:
+        guess = "joints are breadth first, as Isaac's"
+        kept = [reading for reading in made if reading.layout.breadth_first]
+    guess = f"{guess} ({100 * share:.0f} % of the links hang on the one before)"
+    return [reading.guessing(guess) for reading in kept]
 
 
 def _quaternions(values: np.ndarray, order: str) -> np.ndarray:
@@ -442,47 +398,6 @@ def _quaternions(values: np.ndarray, order: str) -> np.ndarray:
     return turns.as_quat()[:, _TO_WXYZ[XYZW]]
 
 
-def _by_links(where: str, held: Mapping, made: list[Reading]) -> list[Reading]:
-    """Of readings that differ by the order of joints those that links tell, by which of
-    them hang on the one before; all, if they do not tell."""
-    p = numbers(where, held, "body_pos_w", None, None, 3).astype(float)
-    apart = np.linalg.norm(np.diff(p[:, 1:], axis=1), axis=2)
-    share = float((np.ptp(apart, axis=0) < _RIGID).mean()) if apart.size else 1.0
-    evidence = f"{100 * share:.0f} % of the links hang on the one before"
-    if share > _DEPTH_FIRST_SHARE:
-        guess, breadth_first = "joints are depth first, as MuJoCo's", [False]
-    elif share < _BREADTH_FIRST_SHARE:
-        guess, breadth_first = "joints are breadth first, as Isaac's", [True]
-    else:
-        guess = f"{ORDER_UNKNOWN}depth first or breadth first cannot be guessed"
-        breadth_first = [False, True]
-    guess = f"{guess} ({evidence})"
-    return [
-        replace(
-            reading,
-            motion=replace(reading.motion, guesses=(*reading.motion.guesses, guess)),
-        )
-        for reading in made
-        if reading.layout.breadth_first in breadth_first
-    ]
-
-
 def _are_rotations(quaternions: np.ndarray) -> bool:
     off = np.abs(np.linalg.norm(quaternions, axis=1) - 1.0)
     return bool((off < LENGTH_TOLERANCE).all())
-
-
-def _elsewhere(values: _Values) -> str:
-    """Which columns could be the root's quaternion instead, for a sentence."""
-    table = np.hstack([values.position, values.rotation, values.joints])
-    if not values.layout.root_columns:
-        return ""
-    first = [
-        k + 1 for k in range(table.shape[1] - 3) if _are_rotations(table[:, k : k + 4])
-    ]
-    if not first:
-        return ""
-    return (
-        f"; columns {first[0]} to {first[0] + 3} are one: does the root stand "
-        "elsewhere? Put x, y, z and the quaternion before the joints"
-    )

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.references import locomujoco_npz
 from crar_drake.references.held_values import FRAME, write_held
-from crar_drake.references.layout_reader import FROM_WXYZ, OBJECTS, link_keys
-from crar_drake.references.layouts import EULER, Layout
+from crar_drake.references.layout_reader import FROM_WXYZ, OBJECTS
+from crar_drake.references.layouts import EULER, LINK_STATES, TIME, Layout
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 
@@ -78,29 +78,29 @@ class _Held:
 
     def _values(self) -> dict[str, object]:
         layout, motion = self._layout, self._motion
-        if not motion.joint_names and ("*" in layout.joints.keys[0] or layout.needed):
+        if not motion.joint_names and (layout.has_columns or layout.needed):
             raise MotionError(
                 f"{self._path}: {layout.name} has the joints' names, and the motion "
                 "has none: say which robot it is (--robot)"
             )
         held: dict[str, object] = {}
-        if layout.has_rate and layout.rate != "time":
-            rate = motion.rate
-            held[layout.rate] = int(rate) if rate == int(rate) else rate
-            if layout.suffix == ".npz":
-                held[layout.rate] = np.array([held[layout.rate]])
-        elif layout.rate == "time":
-            held["time"] = np.arange(motion.num_frames) / motion.rate
-        elif "*" in layout.joints.keys[0]:
+        if layout.rate == TIME:
+            held[TIME] = np.arange(motion.num_frames) / motion.rate
+        elif layout.has_rate:
+            rate = int(motion.rate) if motion.rate == int(motion.rate) else motion.rate
+            held[layout.rate] = np.array([rate]) if layout.suffix == ".npz" else rate
+        elif layout.has_columns:
             held[FRAME] = np.arange(motion.num_frames)
         held |= self._parts()
-        if layout.links is not None and not set(link_keys(layout)) <= self._kept.keys():
-            self._kept = self._computed_links()
+        if layout.links and not set(LINK_STATES) <= self._kept.keys():
+            self._kept = self._link_states()
         if layout.velocities:
-            held[layout.velocities] = self._kept.get("joint_vel", None)
-            if held[layout.velocities] is None:
-                held[layout.velocities] = self._speeds().astype(self._precision)
-        held |= {theirs: self._kept[ours] for ours, theirs in link_keys(layout).items()}
+            speeds = self._kept.get("joint_vel")
+            if speeds is None:
+                speeds = self._speeds().astype(self._precision)
+            held[layout.velocities] = speeds
+        states = dict(zip(layout.links[1:], LINK_STATES, strict=False))
+        held |= {theirs: self._kept[ours] for theirs, ours in states.items()}
         if layout.computed:
             held |= self._computed_besides()
         return held | self._extras | self._names()
@@ -119,37 +119,24 @@ class _Held:
         layout, motion = self._layout, self._motion
         rows = self._kept.get("rows")
         if rows is None:
-            rows = np.hstack(
-                [
-                    self._position(),
-                    self._rotation(),
-                    motion.joint_positions / layout.radian,
-                ]
-            )
+            joints = motion.joint_positions / layout.radian
+            rows = np.hstack([self._position(), self._rotation(), joints])
             rows = rows if layout.suffix == ".csv" else rows.astype(self._precision)
-        n = motion.num_joints
-        values = np.split(rows, [3, rows.shape[1] - n], axis=1)
-        held: dict[str, list[tuple[int, np.ndarray]]] = {}
+        if layout.has_columns:
+            position, rotation, joints = (part.keys for part in layout.parts)
+            keys = [joints[0].replace("*", name) for name in motion.joint_names]
+            return dict(zip((*position, *rotation, *keys), rows.T, strict=True))
+        pieces: dict[str, dict[int, np.ndarray]] = {}
+        values = np.split(rows, [3, rows.shape[1] - motion.num_joints], axis=1)
         for part, columns in zip(layout.parts, values, strict=True):
-            keys = part.keys
-            if "*" in keys[0]:
-                keys = [keys[0].replace("*", name) for name in motion.joint_names]
-            if part.of_links:
-                continue
-            if len(keys) == 1 and "*" not in part.keys[0]:
-                held.setdefault(keys[0], []).append((part.first, columns))
-                continue
-            for key, column in zip(keys, columns.T, strict=True):
-                held[key] = [(0, column)]
-        arrays = {}
-        for key, pieces in held.items():
-            pieces = [
-                values for _, values in sorted(pieces, key=lambda piece: piece[0])
-            ]
-            if key == "qpos" and OBJECTS in self._extras:
-                pieces.append(self._extras.pop(OBJECTS))
-            arrays[key] = pieces[0] if len(pieces) == 1 else np.hstack(pieces)
-        return arrays
+            if not part.of_links:
+                pieces.setdefault(part.keys[0], {})[part.first] = columns
+        if OBJECTS in self._extras:
+            pieces["qpos"][rows.shape[1]] = self._extras.pop(OBJECTS)
+        return {
+            key: np.hstack([columns[first] for first in sorted(columns)])
+            for key, columns in pieces.items()
+        }
 
     def _position(self) -> np.ndarray:
         layout, motion = self._layout, self._motion
@@ -177,7 +164,7 @@ class _Held:
             w = motion.root_rotations.inv().apply(w)
         return np.hstack([_difference(motion.root_positions, step), w, qdot])
 
-    def _computed_links(self) -> dict[str, np.ndarray]:
+    def _link_states(self) -> dict[str, np.ndarray]:
         """Velocities, and the links' poses and velocities in the world."""
         layout, motion, robot = self._layout, self._motion, self._robot
         if robot is None:
@@ -186,10 +173,10 @@ class _Held:
                 "which follow from its model: say which robot (--robot)"
             )
         links = robot.links_of(motion.joint_names)
-        kept = tuple(map(str, self._extras.pop(layout.links.names, ())))
+        kept = tuple(map(str, self._extras.pop(layout.links[0], ())))
         if layout.name == "amp-npz" and kept and all(map(robot.has_link, kept)):
             links = kept  # some or all; its first is the root
-        self._extras[layout.links.names] = np.array(links)
+        self._extras[layout.links[0]] = np.array(links)
         step = 1.0 / motion.rate
         R_WR = motion.root_rotations
         v_WR, w_WR = _difference(motion.root_positions, step), _turning(R_WR, step)
@@ -208,13 +195,14 @@ class _Held:
         quaternions = quaternions[:, [3, 0, 1, 2]].reshape(*p_RB.shape[:2], 4)
         # Of the root the samples themselves, not what they are after two conversions.
         quaternions[:, 0] = motion.root_quaternions
-        found = {
-            "body_pos_w": motion.root_positions[:, None] + p_RB_W,
-            "body_quat_w": quaternions,
-            "body_lin_vel_w": v_WR[:, None] + turned + v_RB_W,
-            "body_ang_vel_w": w_WR[:, None] + w_RB_W,
-        }
-        return {key: value.astype(self._precision) for key, value in found.items()}
+        found = (
+            motion.root_positions[:, None] + p_RB_W,
+            quaternions,
+            v_WR[:, None] + turned + v_RB_W,
+            w_WR[:, None] + w_RB_W,
+        )
+        states = (value.astype(self._precision) for value in found)
+        return dict(zip(LINK_STATES, states, strict=True))
 
     def _computed_besides(self) -> dict[str, object]:
         """`local_body_pos` of GMR, `pose_aa` of motion_lib."""

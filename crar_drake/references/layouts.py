@@ -27,8 +27,9 @@ WXYZ, XYZW = "wxyz", "xyzw"  # quaternions
 EULER = "xyz"  # about the world's x, then its y, then its z [deg]
 TURN = "rotation vector"  # axis times angle [rad]
 
-# The key that stands for a number in the file's name (`walk_poses_120_jpos.npy`).
-FILE_NAME = "its name"
+# Keys of a rate: a number in the file's name (`walk_poses_120_jpos.npy`), and the times
+# of all frames.
+FILE_NAME, TIME = "its name", "time"
 
 
 @dataclass(frozen=True)
@@ -38,33 +39,19 @@ class Part:
     # of the array, or of each column; * stands for a joint's name
     keys: tuple[str, ...]
     first: int = 0  # column in that array
-    count: int | None = None  # of its columns; None for all that follow
     # whether the array has a row for each link, the root's first: (T, B, count)
     of_links: bool = False
 
 
 @dataclass(frozen=True)
-class Links:
-    """Keys of what follows from a motion and its robot's links; B links of T frames."""
-
-    names: str = "body_names"  # (B,)
-    positions: str = "body_pos_w"  # (T, B, 3) of the origins, in the world [m]
-    rotations: str = "body_quat_w"  # (T, B, 4) w x y z
-    velocities: str = "body_lin_vel_w"  # (T, B, 3) of the origins, in the world [m/s]
-    spins: str = "body_ang_vel_w"  # (T, B, 3) angular velocities, in the world [rad/s]
-
-
-@dataclass(frozen=True, kw_only=True)
 class Layout:
     """A layout; angles are in radians and positions in metres unless said otherwise."""
 
-    name: str  # what it is called here
-    suffix: str  # of its files
+    name: str  # what it is called here; it ends with the suffix of its files
     used_by: str  # who writes and reads such files
-    position: Part  # x y z of the root
-    rotation: Part  # of the root in the world
-    order: str  # of its numbers: WXYZ, XYZW, EULER or TURN
-    joints: Part
+    # of the root's x y z, of its rotation in the world, and of the joints
+    parts: tuple[Part, Part, Part]
+    order: str  # of the rotation's numbers: WXYZ, XYZW, EULER or TURN
     # how long a unit of position is [m], and how large one of a joint [rad]
     metre: float = 1.0
     radian: float = 1.0
@@ -79,15 +66,19 @@ class Layout:
     # velocity [m/s] and angular velocity [rad/s] stand before theirs
     velocities: str = ""
     own_spin: bool = False  # whether that is in the root's frame, not in the world
-    links: Links | None = None
+    # keys of B links' names (B,), and of their `LINK_STATES`
+    links: tuple[str, ...] = ()
     computed: tuple[str, ...] = ()  # further keys that follow from motion and robot
     needed: tuple[str, ...] = ()  # further keys without which a file is none
-    # keys of which one at least tells it from others whose root and joints are there
-    marks: tuple[str, ...] = ()
     # whether a file that could be of several is taken for this until evidence decides
     usual: bool = True
     several: bool = False  # whether a file can hold several motions
     precision: str = "float64"  # of the numbers that are written
+
+    @property
+    def suffix(self) -> str:
+        """Of its files."""
+        return "." + self.name.rpartition("-")[2]
 
     @property
     def has_rate(self) -> bool:
@@ -97,220 +88,84 @@ class Layout:
     @property
     def root_columns(self) -> int:
         """Columns before the joints, in their array."""
-        return self.joints.first
+        return self.parts[2].first
 
     @property
-    def parts(self) -> tuple[Part, Part, Part]:
-        """Of position, rotation and joints."""
-        return self.position, self.rotation, self.joints
+    def has_columns(self) -> bool:
+        """Whether each joint has a column with its name."""
+        return "*" in self.parts[2].keys[0]
 
     @property
     def keys(self) -> tuple[str, ...]:
         """Without which a file is none."""
-        parts = [key for part in self.parts for key in part.keys]
+        parts = [key for part in self.parts for key in part.keys if "*" not in key]
         return tuple(dict.fromkeys([*self.needed, *parts]))
 
 
-_POSITION = Part(("",), 0, 3)
-_TABLE = dict(position=_POSITION, rotation=Part(("",), 3, 4), joints=Part(("",), 7))
-_IN_JOINTS = dict(
-    position=Part(("joint_pos",), 0, 3),
-    rotation=Part(("joint_pos",), 3, 4),
-    joints=Part(("joint_pos",), 7),
+# What follows from a motion and its robot's links, in the world: origins (T, B, 3) [m],
+# orientations (T, B, 4) w x y z, velocities of the origins (T, B, 3) [m/s], and angular
+# velocities (T, B, 3) [rad/s].
+LINK_STATES = ("body_pos_w", "body_quat_w", "body_lin_vel_w", "body_ang_vel_w")
+
+
+def _in(key: str, position: int = 0, rotation: int = 3, joints: int = 7):
+    """Root and joints in columns of one array."""
+    return Part((key,), position), Part((key,), rotation), Part((key,), joints)
+
+
+def _of(position: str, rotation: str, joints: str, of_links: bool = False):
+    """Root and joints in arrays of their own."""
+    root = [Part((key,), of_links=of_links) for key in (position, rotation)]
+    return *root, Part((joints,))
+
+
+_EULER = tuple(f"root_rotate{axis}" for axis in "XYZ")
+_NAMED = Part(NAMED_ROOT), Part(_EULER), Part(("*_dof",))
+_QUATERNION = tuple(f"root_q{axis}" for axis in "wxyz")
+_COLUMNS = Part(("root_x", "root_y", "root_z")), Part(_QUATERNION), Part(("*",))
+_LINKS = _of("body_pos_w", "body_quat_w", "joint_pos", True)
+_NPZ = dict(rate="fps", usual_rate=50.0, names=("joint_names",))
+_BODIES = _NPZ | dict(velocities="joint_vel", links=("body_names", *LINK_STATES))
+_AMP = (
+    *("body_names", "body_positions", "body_rotations"),
+    *("body_linear_velocities", "body_angular_velocities"),
 )
-_IN_QPOS = dict(
-    position=Part(("qpos",), 0, 3),
-    rotation=Part(("qpos",), 3, 4),
-    joints=Part(("qpos",), 7),
-)
-_FIRST_LINK = dict(
-    position=Part(("body_pos_w",), 0, 3, of_links=True),
-    rotation=Part(("body_quat_w",), 0, 4, of_links=True),
-    joints=Part(("joint_pos",)),
-)
-_NPZ = dict(suffix=".npz", order=WXYZ, rate="fps", usual_rate=50.0)
-_ISAAC = dict(names=("joint_names",), velocities="joint_vel", links=Links())
-_PKL = dict(suffix=".pkl", rate="fps", names=("joint_names", "dof_names"))
+_DICT = dict(rate="fps", names=("joint_names", "dof_names"))
+_ONE_OF = dict(usual=False)
 
-
-def _root(position: str, rotation: str, joints: str) -> dict[str, Part]:
-    return dict(
-        position=Part((position,), 0, 3),
-        rotation=Part((rotation,), 0, 4),
-        joints=Part((joints,)),
-    )
-
-
-LAYOUTS = {
-    layout.name: layout
-    for layout in (
-        Layout(
-            name="xyzw-csv",
-            suffix=".csv",
-            used_by="Unitree, input of BeyondMimic and mjlab",
-            **_TABLE,
-            order=XYZW,
-            usual=False,
-        ),
-        Layout(
-            name="wxyz-csv",
-            suffix=".csv",
-            used_by="ProtoMotions, kimodo",
-            **_TABLE,
-            order=WXYZ,
-            usual=False,
-        ),
-        Layout(
-            name="named-csv",
-            suffix=".csv",
-            used_by="BONES-SEED",
-            position=Part(NAMED_ROOT),
-            rotation=Part(tuple(f"root_rotate{axis}" for axis in "XYZ")),
-            order=EULER,
-            joints=Part(("*_dof",)),
-            metre=0.01,
-            radian=np.pi / 180.0,
-            usual_rate=120.0,
-        ),
-        Layout(
-            name="joints-csv",
-            suffix=".csv",
-            used_by="logs of MuJoCo and ROS",
-            position=Part(("root_x", "root_y", "root_z")),
-            rotation=Part(("root_qw", "root_qx", "root_qy", "root_qz")),
-            order=WXYZ,
-            joints=Part(("*",)),
-            rate="time",
-        ),
-        Layout(
-            name="beyondmimic-npz",
-            used_by="BeyondMimic, Isaac Lab",
-            **_NPZ,
-            **_FIRST_LINK,
-            **_ISAAC,
-            breadth_first=True,
-            precision="float32",
-        ),
-        Layout(
-            name="mjlab-npz",
-            used_by="mjlab",
-            **_NPZ,
-            **_FIRST_LINK,
-            **_ISAAC,
-            precision="float32",
-        ),
-        Layout(name="holosoma-npz", used_by="holosoma", **_NPZ, **_IN_JOINTS, **_ISAAC),
-        Layout(
-            name="amp-npz",
-            used_by="Isaac Lab's AMP, AMASS Retargeted for G1",
-            **_NPZ,
-            position=Part(("body_positions",), 0, 3, of_links=True),
-            rotation=Part(("body_rotations",), 0, 4, of_links=True),
-            joints=Part(("dof_positions",)),
-            names=("dof_names",),
-            needed=("dof_names",),
-            velocities="dof_velocities",
-            links=Links(
-                positions="body_positions",
-                rotations="body_rotations",
-                velocities="body_linear_velocities",
-                spins="body_angular_velocities",
-            ),
-            precision="float32",
-        ),
-        Layout(
-            name="locomujoco-npz",
-            used_by="LocoMuJoCo, version 1",
-            **_NPZ | dict(rate="frequency"),
-            **_IN_QPOS,
-            names=("joint_names",),
-            velocities="qvel",
-            own_spin=True,
-            needed=("frequency", "joint_names", "jnt_type", "split_points"),
-            marks=("jnt_type", "split_points"),
-            several=True,
-        ),
-        Layout(
-            name="qpos-npz",
-            used_by="holosoma's retargeting, any4hdmi",
-            **_NPZ,
-            **_IN_QPOS,
-            names=("joint_names",),
-        ),
-        Layout(
-            name="omniretarget-npz",
-            used_by="OmniRetarget",
-            **_NPZ,
-            **_IN_QPOS
-            | dict(position=Part(("qpos",), 4, 3), rotation=Part(("qpos",), 0, 4)),
-            names=("joint_names",),
-            usual=False,
-        ),
-        Layout(
-            name="phuma-npy",
-            suffix=".npy",
-            used_by="PHUMA",
-            **_root("root_trans", "root_ori", "dof_pos"),
-            order=XYZW,
-            rate="fps",
-            names=("joint_names", "dof_names"),
-        ),
-        Layout(
-            name="amass-npy",
-            suffix=".npy",
-            used_by="Retargeted AMASS for robotics",
-            **_TABLE,
-            order=XYZW,
-            raised=0.793,
-            raised_columns=36,
-            rate=FILE_NAME,
-            usual_rate=120.0,
-        ),
-        Layout(
-            name="xyzw-npy",
-            suffix=".npy",
-            used_by="tables of Unitree's CSV",
-            **_TABLE,
-            order=XYZW,
-            usual=False,
-        ),
-        Layout(
-            name="wxyz-npy",
-            suffix=".npy",
-            used_by="tables of MuJoCo's qpos",
-            **_TABLE,
-            order=WXYZ,
-            usual=False,
-        ),
-        Layout(
-            name="gmr-pkl",
-            used_by="GMR, TWIST",
-            **_PKL,
-            **_root("root_pos", "root_rot", "dof_pos"),
-            order=XYZW,
-            computed=("local_body_pos", "link_body_list"),
-        ),
-        Layout(
-            name="motion-lib-pkl",
-            used_by="PHC, ASAP, HumanoidVerse",
-            **_PKL,
-            **_root("root_trans_offset", "root_rot", "dof"),
-            order=XYZW,
-            computed=("pose_aa",),
-            several=True,
-            precision="float32",
-        ),
-        Layout(
-            name="mimickit-pkl",
-            used_by="MimicKit",
-            **_PKL,
-            position=Part(("frames",), 0, 3),
-            rotation=Part(("frames",), 3, 3),
-            order=TURN,
-            joints=Part(("frames",), 6),
-        ),
-    )
-}
+# fmt: off
+LAYOUTS = {row[0]: Layout(*row[:4], **row[4]) for row in (
+    ("xyzw-csv", "Unitree, input of BeyondMimic and mjlab", _in(""), XYZW, _ONE_OF),
+    ("wxyz-csv", "ProtoMotions, kimodo", _in(""), WXYZ, _ONE_OF),
+    ("named-csv", "BONES-SEED", _NAMED, EULER,
+     dict(metre=0.01, radian=np.pi / 180.0, usual_rate=120.0)),
+    ("joints-csv", "logs with a heading", _COLUMNS, WXYZ, dict(rate=TIME)),
+    ("beyondmimic-npz", "BeyondMimic, Isaac Lab", _LINKS, WXYZ,
+     _BODIES | dict(breadth_first=True, precision="float32")),
+    ("mjlab-npz", "mjlab", _LINKS, WXYZ, _BODIES | dict(precision="float32")),
+    ("holosoma-npz", "holosoma", _in("joint_pos"), WXYZ, _BODIES),
+    ("amp-npz", "Isaac Lab's AMP, AMASS Retargeted for G1",
+     _of("body_positions", "body_rotations", "dof_positions", True), WXYZ,
+     _NPZ | dict(names=("dof_names",), needed=("dof_names",), links=_AMP,
+                 velocities="dof_velocities", precision="float32")),
+    ("locomujoco-npz", "LocoMuJoCo, version 1", _in("qpos"), WXYZ,
+     _NPZ | dict(rate="frequency", velocities="qvel", own_spin=True, several=True,
+                 needed=("frequency", "joint_names", "jnt_type", "split_points"))),
+    ("qpos-npz", "holosoma's retargeting, any4hdmi", _in("qpos"), WXYZ, _NPZ),
+    ("omniretarget-npz", "OmniRetarget", _in("qpos", 4, 0), WXYZ, _NPZ | _ONE_OF),
+    ("phuma-npy", "PHUMA", _of("root_trans", "root_ori", "dof_pos"), XYZW, _DICT),
+    ("amass-npy", "Retargeted AMASS for robotics", _in(""), XYZW,
+     dict(raised=0.793, raised_columns=36, rate=FILE_NAME, usual_rate=120.0)),
+    ("xyzw-npy", "tables of Unitree's CSV", _in(""), XYZW, _ONE_OF),
+    ("wxyz-npy", "tables of MuJoCo's qpos", _in(""), WXYZ, _ONE_OF),
+    ("gmr-pkl", "GMR, TWIST", _of("root_pos", "root_rot", "dof_pos"), XYZW,
+     _DICT | dict(computed=("local_body_pos", "link_body_list"))),
+    ("motion-lib-pkl", "PHC, ASAP, HumanoidVerse",
+     _of("root_trans_offset", "root_rot", "dof"), XYZW,
+     _DICT | dict(computed=("pose_aa",), several=True, precision="float32")),
+    ("mimickit-pkl", "MimicKit", _in("frames", joints=6), TURN, _DICT),
+)}
+# fmt: on
 
 
 def layout_named(name: str) -> Layout:

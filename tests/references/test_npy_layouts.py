@@ -68,14 +68,14 @@ def test_points_of_a_person_are_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "held, said",
     [
-        (phuma(dof_pos=None), "phuma-npy is a dict with root_trans"),
+        (phuma(dof_pos=None), "it has no dof_pos, as phuma-npy has"),
         (phuma(root_ori=np.zeros((12, 4))), "frame 1: root_ori has length zero"),
         (phuma(dof_pos=JOINTS[:3]), "numbers of frames differ"),
         (phuma(dof_pos=JOINTS.T[0]), "dof_pos is an array"),
         (phuma(fps="fast"), "fps is fast, not one number"),
         (phuma(more=Path), "names .*which is no plain data and could run code"),
         (np.array([{}, {}], dtype=object), "an array of objects"),
-        (np.array(None, dtype=object), "is a dict with root_trans"),
+        (np.array(None, dtype=object), "it holds no dict"),
         (np.zeros((4, 7)), "at least one joint"),
         (np.full((4, 9), np.nan), "no finite number"),
     ],

@@ -192,10 +192,7 @@ def guess_quaternion_order(read: dict[str, RobotMotion]) -> tuple[str, str]:
         looks = ""
     if ahead[order] > 0.0:
         if looks not in ("", order):
-            return (
-                "",
-                f"{evidence}, and as {order} it goes forwards, but starts along -x",
-            )
+            return "", f"{evidence}, and as {order} it goes forwards from -x"
         how = f"as {order} it goes forwards, as {other} backwards"
         return order, f"NOT sure: {evidence}, and {how} (say --layout if that is wrong)"
     if not looks:
@@ -265,14 +262,14 @@ def _unrefuted(
     _refuse_radians(reading, standing, robot)
     many = (standing.beyond > _BEYOND).sum() >= _HOW_MANY
     if many and standing.beyond.sum() > _TOTAL:
-        worst = np.argsort(-standing.beyond)[:3]
-        told = ", ".join(
-            f"{robot.joint_names[i]} by {standing.beyond[i]:.2g}" for i in worst
-        )
+        q = motion.joint_positions
+        over = np.maximum(robot.lower - q, q - robot.upper)
+        frame, i = np.unravel_index(over.argmax(), over.shape)
         raise MotionError(
-            f"{source}: joints are far beyond the limits of {robot.description.name} "
-            f"({told} rad): is the file in degrees, are its joints in another order, "
-            "or is it of another robot?"
+            f"{source}: {robot.joint_names[i]} is at {q[frame, i]:.1f} in frame "
+            f"{frame + 1}, its limits are {robot.lower[i]:.2f}, {robot.upper[i]:.2f} "
+            "[rad, m], and others are as far off: is the file in degrees, are its "
+            "joints in another order, or is it of another robot?"
         )
     return motion
 

@@ -152,7 +152,7 @@ LAYOUTS = {row[0]: Layout(*row[:4], **row[4]) for row in (
      _NPZ | dict(rate="frequency", velocities="qvel", own_spin=True, several=True,
                  needed=("frequency", "joint_names", "jnt_type", "split_points"))),
     ("qpos-npz", "holosoma's retargeting, any4hdmi", _in("qpos"), WXYZ, _NPZ),
-    ("omniretarget-npz", "OmniRetarget", _in("qpos", 4, 0), WXYZ, _NPZ | _ONE_OF),
+    ("omniretarget-npz", "OmniRetarget", _in("qpos", 4, 0), WXYZ, _NPZ),
     ("phuma-npy", "PHUMA", _of("root_trans", "root_ori", "dof_pos"), XYZW, _DICT),
     ("amass-npy", "Retargeted AMASS for robotics", _in(""), XYZW,
      dict(raised=0.793, raised_columns=36, rate=FILE_NAME, usual_rate=120.0)),

@@ -206,10 +206,11 @@ def _best(
     kept = [o for o in possible if _turns_fit(told[o], robot)]
     name = robot.description.name
     if not kept:
-        raise MotionError(f"{motion.source}: {_wrong_number(motion, robot)}")
+        other = "its joints turn about other axes (pose_aa) than the robot's"
+        raise MotionError(f"{motion.source}: {other}; {_wrong_number(motion, robot)}")
     off = {o: links_off(told[o], robot, robot.links_of(o.names)) for o in kept}
     links = {o: error for o, error in off.items() if error is not None}
-    if links and len(possible) > 0:
+    if links:
         best = min(links, key=links.get)
         if links[best] > _SAME_LINK:
             raise MotionError(

@@ -18,7 +18,7 @@ _FRAMES = 24
 _ON_FLOOR, _SHARE = 0.1, 0.8
 
 # Of what counts as much as one: joints beyond their limits, in total [rad]; how the
-# lowest point goes up and down [m]; the tilt of the sole that is lower [rad].
+# lowest points go up and down [m]; the tilt of the sole that is lower [rad].
 _SCALES = 0.3, 0.05, 0.3
 
 
@@ -79,7 +79,8 @@ class Standing:
     def cost(self) -> float:
         """How badly it stands and keeps limits; 0 is best, and 1 is much."""
         limits, floor, sole = _SCALES
-        spread = float(self.lowest.std()) if self.lowest.size else 0.0
+        low = np.sort(self.lowest)[: (self.lowest.size + 1) // 2]  # not what jumps
+        spread = float(low.std()) if low.size else 0.0
         return float(self.beyond.sum()) / limits + spread / floor + self._sole() / sole
 
     def _sole(self) -> float:

@@ -50,14 +50,30 @@ class _Order:
     """Which joints columns without a name may be."""
 
     names: tuple[str, ...]
-    locked: tuple[str, ...]  # the robot's others, which the motion has at 0
     breadth_first: bool
-    lacks: str = ""  # the others, in words
+    locked: tuple[str, ...] = ()  # the robot's others, which the motion has at 0
+    lacks: str = ""  # those in words
 
     @property
     def words(self) -> str:
+        """What it is."""
         order = "breadth first" if self.breadth_first else "depth first"
         return f"{order}, without {self.lacks}" if self.lacks else order
+
+    def named(self, motion: RobotMotion, guess: str) -> RobotMotion:
+        """A motion of these joints, in any order; its others are at 0."""
+        names = motion.joint_names or self.names
+        known = [g for g in motion.guesses if not g.startswith(_ORDER_GUESSES)]
+        named = replace(motion, joint_names=names, guesses=(*known, guess))
+        if not self.locked:
+            return named.as_read() if motion.is_as_read else named
+        still = np.zeros((motion.num_frames, len(self.locked)))
+        return replace(
+            named,
+            joint_names=(*names, *self.locked),
+            joint_positions=np.hstack([motion.joint_positions, still]),
+            computed={},
+        )
 
 
 def reordered(motion: RobotMotion, joint_names: tuple[str, ...]) -> RobotMotion:
@@ -115,80 +131,50 @@ def matched(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
         MotionError: it is a motion of another robot, or two readings fit alike; the
             message says what is expected.
     """
-    if motion.joint_names:
-        return _of_names(motion, robot)
-    possible = [o for o in _orders(robot) if len(o.names) == motion.num_joints]
+    names = set(motion.joint_names)
+    possible = [
+        order
+        for order in _orders(robot)
+        if len(order.names) == motion.num_joints and names in (set(), set(order.names))
+    ]
+    if names:
+        if set(robot.joint_names) < names:
+            raise MotionError(f"{motion.source}: {_wrong_number(motion, robot)}")
+        if possible and possible[0].locked:
+            motion = possible[0].named(motion, _how(possible[0], robot))
+        orders = robot.joint_names, robot.breadth_first
+        if motion.layout in KNOWN_BY_ORDER and motion.joint_names in orders:
+            layout = KNOWN_BY_ORDER[orders.index(motion.joint_names)]
+            known = [g for g in motion.guesses if not g.startswith(_ORDER_GUESSES)]
+            motion = replace(motion, layout=layout, guesses=tuple(known))
+        return _links_checked(reordered(motion, robot.joint_names), robot)
     if not possible:
         raise MotionError(f"{motion.source}: {_wrong_number(motion, robot)}")
     order, how = _best(motion, robot, possible)
-    guesses = _without_order(motion)
-    named = replace(motion, joint_names=order.names, guesses=(*guesses, how))
     if motion.layout in KNOWN_BY_ORDER:
-        named = replace(named, layout=KNOWN_BY_ORDER[order.breadth_first])
-    named = named.as_read() if motion.is_as_read else named
-    return reordered(_filled(named, order), robot.joint_names)
-
-
-def _of_names(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
-    """A motion whose joints have names."""
-    names = set(motion.joint_names)
-    for order in _orders(robot):
-        if order.locked and names == set(order.names):
-            said = f"it has {len(names)} joints, which are {robot.description.name}'s"
-            motion = replace(
-                motion, guesses=(*motion.guesses, f"{said} {_without(order)}")
-            )
-            motion = _filled(motion, order)
-            break
-    if set(robot.joint_names) < names:
-        raise MotionError(f"{motion.source}: {_wrong_number(motion, robot)}")
-    orders = robot.joint_names, robot.breadth_first
-    if motion.layout in KNOWN_BY_ORDER and motion.joint_names in orders:
-        known = KNOWN_BY_ORDER[orders.index(motion.joint_names)]
-        motion = replace(motion, layout=known, guesses=_without_order(motion))
-    return _links_checked(reordered(motion, robot.joint_names), robot)
-
-
-def _without_order(motion: RobotMotion) -> tuple[str, ...]:
-    """Guesses of a motion, but those of its joints' order that a robot replaces."""
-    return tuple(g for g in motion.guesses if not g.startswith(_ORDER_GUESSES))
+        motion = replace(motion, layout=KNOWN_BY_ORDER[order.breadth_first])
+    return reordered(order.named(motion, how), robot.joint_names)
 
 
 def _orders(robot: WholeBody) -> list[_Order]:
     """What a file without names may have, the usual ones first."""
-    found = [
-        _Order(robot.joint_names, (), False),
-        _Order(robot.breadth_first, (), True),
-    ]
+    found = [_Order(robot.joint_names, False), _Order(robot.breadth_first, True)]
     for lacks, parts in _LOCKED.items():
-        locked = tuple(
-            name for name in robot.joint_names if any(part in name for part in parts)
-        )
-        if not locked or len(locked) == robot.n:
-            continue
-        for breadth_first in (False, True):
+        locked = tuple(x for x in robot.joint_names if any(part in x for part in parts))
+        for breadth_first in (False, True) if 0 < len(locked) < robot.n else ():
             names = robot.order_without(locked, breadth_first)
-            order = _Order(names, locked, breadth_first, lacks.format(len(locked)))
-            if order.names not in [other.names for other in found]:
-                found.append(order)
+            if names not in [other.names for other in found]:
+                lacking = lacks.format(len(locked))
+                found.append(_Order(names, breadth_first, locked, lacking))
     return found
 
 
-def _without(order: _Order) -> str:
-    return f"without {order.lacks}: those at 0"
-
-
-def _filled(motion: RobotMotion, order: _Order) -> RobotMotion:
-    """The motion with joints that it lacks at 0."""
-    if not order.locked:
-        return motion
-    still = np.zeros((motion.num_frames, len(order.locked)))
-    return replace(
-        motion,
-        joint_names=(*motion.joint_names, *order.locked),
-        joint_positions=np.hstack([motion.joint_positions, still]),
-        computed={},
-    )
+def _how(order: _Order, robot: WholeBody) -> str:
+    """What was guessed of the joints, in words."""
+    name, n = robot.description.name, len(order.names)
+    if order.locked:
+        return f"it has {n} joints, {name}'s without {order.lacks}: those at 0"
+    return f"joints have no names: {n} as {name}, {order.words}"
 
 
 def _best(
@@ -200,11 +186,10 @@ def _best(
         MotionError: it refutes all, or several fit alike; or only one that the layout
             does not have.
     """
-    layout, n = LAYOUTS.get(motion.layout), motion.num_joints
-    breadth_first = bool(layout and layout.breadth_first)
+    layout, n, name = motion.layout, motion.num_joints, robot.description.name
+    breadth_first = layout in LAYOUTS and LAYOUTS[layout].breadth_first
     told = {o: replace(motion, joint_names=o.names) for o in possible}
     kept = [o for o in possible if _turns_fit(told[o], robot)]
-    name = robot.description.name
     if not kept:
         other = "its joints turn about other axes (pose_aa) than the robot's"
         raise MotionError(f"{motion.source}: {other}; {_wrong_number(motion, robot)}")
@@ -225,13 +210,13 @@ def _best(
         )
         return best, how
     usual = [o for o in kept if o.breadth_first == breadth_first] or kept
-    costs = {o: Standing(_filled(told[o], o), robot).cost for o in kept}
+    costs = {o: Standing(o.named(motion, ""), robot).cost for o in kept}
     least = min(costs, key=costs.get)
     fit = [o for o in usual if costs[o] <= costs[least] + _WORSE]
-    if not fit and layout is not None and layout.name not in KNOWN_BY_ORDER:
+    if not fit and layout not in KNOWN_BY_ORDER:
         raise MotionError(
             f"{motion.source}: its {n} joints fit {name} {least.words}, by limits and "
-            f"soles, and not {usual[0].words}, as {motion.layout} has them: put them "
+            f"soles, and not {usual[0].words}, as {layout} has them: put them "
             "into that order, or write their names into the file (docs/guides/"
             "reference-motions.md#layouts)"
         )
@@ -243,10 +228,7 @@ def _best(
             "tells which: write their names into it (docs/guides/reference-motions.md"
             "#layouts), or import the robot that has these joints alone"
         )
-    (order,) = fit
-    if order.locked:
-        return order, f"it has {n} joints, which are {name}'s {_without(order)}"
-    return order, f"joints have no names: {robot.n} as {name}, {order.words}"
+    return fit[0], _how(fit[0], robot)
 
 
 def _some(order: _Order, others: list[_Order]) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
+from crar_drake.motion.rates import SLOWEST, rate_doubt, rate_meant
 from crar_drake.references import locomujoco_npz
 from crar_drake.references.held_values import (
     FRAME,
@@ -343,7 +344,14 @@ class _Values:
                 return float(named[1])
             guesses.append(f"{usual}: its name has none")
         elif key and key in self.held:
-            return stated_rate(self.where, self.held[key], key)
+            rate = stated_rate(self.where, self.held[key], key)
+            doubt = rate_doubt(rate)
+            if 0.0 < rate < SLOWEST:
+                meant = {"the time between frames in seconds": 1.0 / rate}
+                stated = f"a rate of {rate:g} Hz"
+                rate, doubt = rate_meant(self.where, stated, meant)
+            guesses += [doubt] * bool(doubt)
+            return rate
         else:
             lacks = f": it has no {key}" if key else ", which do not say it"
             guesses.append(usual + lacks)

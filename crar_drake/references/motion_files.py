@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from crar_drake.errors import MotionError, nearest
-from crar_drake.motion.rates import SLOWEST, rate_doubt, rate_meant
 from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.motion.text_files import refuse_pointer
 from crar_drake.references.certificate_files import told_beside
@@ -90,11 +89,8 @@ def read_motions(
     layout, rate = layout or told_layout, told_rate if rate is None else rate
     if same_robot and told_layout and layout == told_layout:
         joint_names = joint_names or _layouts_order(LAYOUTS[layout], robot)
-    found = _read_file(Path(path), layout, rate, joint_names)
     motions = []
-    for possible in found:
-        if rate is None:
-            possible = [_changed(reading, _with_plausible_rate) for reading in possible]
+    for possible in _read_file(Path(path), layout, rate, joint_names):
         motion = settled(possible, robot, trusted=same_robot)
         motions.append(_with_doubted_units(motion) if robot is None else motion)
     return tuple(motions)
@@ -143,22 +139,6 @@ def write_motions(
         check_joint_names(motion.joint_names, motion.num_joints, motion.source)
     ordered = [_in_layouts_order(motion, to, robot) for motion in motions]
     write_layout(Path(path), ordered, to, robot)
-
-
-def _changed(reading: Reading, change: Callable[[RobotMotion], RobotMotion]) -> Reading:
-    return replace(reading, motion=change(reading.motion))
-
-
-def _with_plausible_rate(motion: RobotMotion) -> RobotMotion:
-    """The motion; one that states the time between frames for the rate has the rate."""
-    rate, reported = motion.rate, rate_doubt(motion.rate)
-    if 0.0 < rate < SLOWEST:
-        where = str(motion.source)
-        readings = {"the time between frames in seconds": 1.0 / rate}
-        rate, reported = rate_meant(where, f"a rate of {rate:g} Hz", readings)
-    if not reported:
-        return motion
-    return replace(motion, rate=rate, guesses=(*motion.guesses, reported)).as_read()
 
 
 def _with_doubted_units(motion: RobotMotion) -> RobotMotion:

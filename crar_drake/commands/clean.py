@@ -205,7 +205,8 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.no_page:
         _write_page(arguments, out, page, clips)
         print(page)
-    return final_line(violations(clips))
+    guessed = [guess for clip in clips for guess in clip.guessed.split("; ") if guess]
+    return final_line(violations(clips), guessed=guessed)
 
 
 def _options(arguments: argparse.Namespace) -> dict:

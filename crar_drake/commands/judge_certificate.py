@@ -31,12 +31,15 @@ def judge_certificates(arguments: argparse.Namespace) -> int:
     for path in arguments.what:
         motions += find_references(path) if path.is_dir() else [path]
     if len(motions) == 1:
-        holds = _judge(motions[0], arguments.robot)
-        return final_line([] if holds else ["the certificate does not hold"])
-    refuted, unusable = 0, 0
+        holds, guessed = _judge(motions[0], arguments.robot)
+        untrue = [] if holds else ["the certificate does not hold"]
+        return final_line(untrue, guessed=guessed)
+    refuted, unusable, guesses = 0, 0, []
     for motion in motions:
         try:
-            refuted += not _judge(motion, arguments.robot)
+            holds, guessed = _judge(motion, arguments.robot)
+            refuted += not holds
+            guesses += guessed
         except CrarError as error:
             tell_failure(error)
             unusable += 1
@@ -45,11 +48,11 @@ def judge_certificates(arguments: argparse.Namespace) -> int:
         unread = f"{unusable} of {len(motions)} certificates cannot be read"
         print("; ".join([f"NOT JUDGED: {unread}", *untrue]))
         return 2
-    return final_line(untrue)
+    return final_line(untrue, guessed=guesses)
 
 
-def _judge(motion: Path, robot: str | None) -> bool:
-    """Whether that of one motion holds."""
+def _judge(motion: Path, robot: str | None) -> tuple[bool, list[str]]:
+    """Whether that of one motion holds, and what was guessed of its reference."""
     from crar_drake.references.certificate_files import (
         certificate_path,
         read_certificate,
@@ -90,12 +93,15 @@ def _judge(motion: Path, robot: str | None) -> bool:
         print(f"nobody looked at meshes: {check.why_not}")
     if check.uncovered:
         print(f"not covered: {check.uncovered} pairs that can meet, by what it says")
+    guessed = certificate["motion"]["guessed"]
+    for guess in guessed:
+        print(f"guessed: {printable(guess)}")
     if check.holds:
         print(f"{place}: nothing refutes it")
-        return True
+        return True, guessed
     print(f"{place}: DOES NOT HOLD")
     for line in check.refuted[:_MOST_LINES]:
         print(f"  {printable(line)}")
     if len(check.refuted) > _MOST_LINES:
         print(f"  and {len(check.refuted) - _MOST_LINES} more")
-    return False
+    return False, guessed

@@ -134,7 +134,8 @@ def run_references(arguments: argparse.Namespace) -> int:
     if unusable and not violated:
         print(f"NOT JUDGED: {unusable} of {len(judged)} files cannot be used")
         return 2
-    return final_line(violated)
+    guessed = [guess for verdict in verdicts for guess in verdict.motion.guesses]
+    return final_line(violated, guessed=guessed)
 
 
 def _print_table(judged: list[JudgedFile]) -> None:

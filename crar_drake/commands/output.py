@@ -37,18 +37,25 @@ def label(path: str | Path) -> Path:
     return folder / path.stem
 
 
-def final_line(violated: list[str], bad: int = 0) -> int:
+def final_line(violated: list[str], bad: int = 0, guessed: Iterable[str] = ()) -> int:
     """Prints the last line of a command that judges: OK, or VIOLATED and what.
 
     Args:
         violated: what is, each in a few words.
         bad: how many lines BAD are printed above it, of what violates nothing.
+        guessed: what was guessed of the files that are judged, a sentence each.
 
     Returns:
         The exit code: 1 if something is violated, else 0.
     """
     ok = f"OK: nothing is violated, but see {bad} BAD above" if bad else "OK"
-    print(f"VIOLATED: {'; '.join(violated)}" if violated else ok, flush=True)
+    line = f"VIOLATED: {'; '.join(violated)}" if violated else ok
+    heads = [
+        printable(guess.partition(": ")[0].partition(", ")[0])
+        + (" (NOT sure)" if "NOT sure" in guess else "")
+        for guess in dict.fromkeys(guessed)
+    ]
+    print(f"{line}; guessed: {', '.join(heads)}" if heads else line, flush=True)
     return int(bool(violated))
 
 

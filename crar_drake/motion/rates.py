@@ -55,8 +55,8 @@ def rate_meant(
     ((reading, rate),) = usual.items()
     near = min(_USUAL, key=lambda usual_rate: abs(math.log(rate / usual_rate)))
     return near, (
-        f"{stated} is none: taken as {reading}, so {near:g} Hz; --frame-rate HZ says "
-        "another"
+        f"{stated} is none: taken as {reading}, so {near:g} Hz (--frame-rate HZ says "
+        "another)"
     )
 
 

@@ -21,8 +21,9 @@ _NPZ_KEYS = {"joint_pos", "dof_positions", "qpos"}
 # What a pickle of a person has for a key (WHAM's).
 _PERSON = b"pose_world"
 
-# Columns of the root's position in a CSV with a heading.
+# Columns of the root's position in a CSV with a heading: BONES-SEED's, and others'.
 NAMED_ROOT = tuple(f"root_translate{axis}" for axis in "XYZ")
+HEADINGS = (NAMED_ROOT, ("root_x", "root_y", "root_z", "root_qw"))
 
 
 def is_reference(path: str | os.PathLike[str]) -> bool:
@@ -67,8 +68,9 @@ def holds_reference(path: str | os.PathLike[str]) -> bool:
 
 
 def is_named(line: str) -> bool:
-    """Whether a line is the heading of a robot's motion, as BONES-SEED has it."""
-    return set(NAMED_ROOT) <= {cell.strip() for cell in cells_of(line)}
+    """Whether a line is the heading of a robot's motion: it has columns of a root."""
+    cells = {cell.strip() for cell in cells_of(line)}
+    return any(cells >= set(names) for names in HEADINGS)
 
 
 def _is_numbers(line: str) -> bool:

@@ -165,7 +165,10 @@ _MESHES = (
 )
 # The parts of a certificate that a judge looks at. A list is one of what is in it.
 _FORM = {
-    "motion": {"file": _TEXT, "sha256": _TEXT, "layout": _LAYOUT, "rate": _RATE_IF_ANY},
+    "motion": {
+        **{"file": _TEXT, "sha256": _TEXT, "layout": _LAYOUT, "rate": _RATE_IF_ANY},
+        "guessed": [_TEXT],
+    },
     "robot": {"name": _TEXT, "files": _OBJECT, "watched_pairs": _WHOLE},
     "not_covered": {"pairs": [_PAIR]},
     "mesh_pairs": [_PAIR],

@@ -331,7 +331,10 @@ class MotionCleaner:
         with whole_set(out.parent, last=place.name) as folder:
             write_motions(folder / out.name, written, to.name, robot)
             # What is certified is what stands in the file, rounded as its layout does.
-            again = read_motions(folder / out.name, to.name, rate_given, robot=robot)
+            names = robot.breadth_first if to.breadth_first else robot.joint_names
+            again = read_motions(
+                folder / out.name, to.name, rate_given, names, robot=robot
+            )
             clips, rows = [], []
             for first, before, after, took, rise in zip(
                 given, motions, again, seconds, raised, strict=True
@@ -355,7 +358,10 @@ class MotionCleaner:
                 self.uncovered,
             )
             certificate["parameters"] = asdict(self._parameters)
-            certificate["motion"] |= {"layout": to.name, "rate": rate_given}
+            read = [motion for motion in given if motion.layout]  # not retargeted
+            guessed = list(dict.fromkeys(g for motion in read for g in motion.guesses))
+            of_file = {"layout": to.name, "rate": rate_given, "guessed": guessed}
+            certificate["motion"] |= of_file
             certificate["options"] = options
             write_certificate(folder / place.name, certificate)
         return rows

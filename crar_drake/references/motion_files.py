@@ -10,28 +10,20 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.errors import MotionError, nearest
-from crar_drake.motion.rates import SLOWEST, rate_doubt, rate_meant
 from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.motion.text_files import refuse_pointer
-from crar_drake.references import locomujoco_npz
 from crar_drake.references.certificate_files import told_beside
-from crar_drake.references.csv_layouts import read_csv, write_csv
+from crar_drake.references.evidence import settled
+from crar_drake.references.layout_reader import Reading, readings
+from crar_drake.references.layout_writer import write_layout
 from crar_drake.references.layouts import (
     LAYOUTS,
     Layout,
     layout_named,
-    reordered,
+    usual_suffix,
 )
-from crar_drake.references.named_csv import write_named_csv
-from crar_drake.references.npy_layouts import read_npy, write_npy
-from crar_drake.references.npz_layouts import read_npz, write_npz
-from crar_drake.references.pickle_layouts import read_pickle, write_pickle
-from crar_drake.references.robot_match import matched
-from crar_drake.references.robot_motion import (
-    UNKNOWN_ORDER,
-    RobotMotion,
-    check_joint_names,
-)
+from crar_drake.references.robot_match import matched, reordered
+from crar_drake.references.robot_motion import RobotMotion, check_joint_names
 from crar_drake.references.whole_body import WholeBody
 
 # An angle beyond this is none of a joint in radians [rad].
@@ -39,13 +31,6 @@ _DEGREES = 2.0 * np.pi + 0.5
 
 # Nor does a robot climb so high [m].
 _CENTIMETRES = 10.0
-
-_READERS = {
-    ".csv": read_csv,
-    ".npz": read_npz,
-    ".npy": read_npy,
-    ".pkl": read_pickle,
-}
 
 
 def read_motion(
@@ -104,16 +89,11 @@ def read_motions(
     layout, rate = layout or told_layout, told_rate if rate is None else rate
     if same_robot and told_layout and layout == told_layout:
         joint_names = joint_names or _layouts_order(LAYOUTS[layout], robot)
-    motions = _read_file(Path(path), layout, rate, joint_names)
-    if rate is None:
-        motions = tuple(_with_plausible_rate(motion) for motion in motions)
-    motions = tuple(_with_doubted_units(motion) for motion in motions)
-    if robot is None:
-        for motion in motions:
-            if motion.layout == UNKNOWN_ORDER:
-                raise motion.untold_order()
-        return motions
-    return tuple(matched(motion, robot) for motion in motions)
+    motions = []
+    for possible in _read_file(Path(path), layout, rate, joint_names):
+        motion = settled(possible, robot, trusted=same_robot)
+        motions.append(_with_doubted_units(motion) if robot is None else motion)
+    return tuple(motions)
 
 
 def write_motion(
@@ -158,30 +138,7 @@ def write_motions(
     for motion in motions:
         check_joint_names(motion.joint_names, motion.num_joints, motion.source)
     ordered = [_in_layouts_order(motion, to, robot) for motion in motions]
-    if layout == "named-csv":
-        write_named_csv(path, ordered[0])
-    elif to.suffix == ".csv":
-        write_csv(path, ordered[0], layout)
-    elif to.suffix == ".npy":
-        write_npy(path, ordered[0], layout)
-    elif layout == locomujoco_npz.LAYOUT:
-        locomujoco_npz.write_locomujoco(path, ordered)
-    elif to.suffix == ".npz":
-        write_npz(path, ordered[0], layout, robot)
-    else:
-        write_pickle(path, ordered, layout, robot)
-
-
-def _with_plausible_rate(motion: RobotMotion) -> RobotMotion:
-    """The motion; one that states the time between frames for the rate has the rate."""
-    rate, reported = motion.rate, rate_doubt(motion.rate)
-    if 0.0 < rate < SLOWEST:
-        where = str(motion.source)
-        readings = {"the time between frames in seconds": 1.0 / rate}
-        rate, reported = rate_meant(where, f"a rate of {rate:g} Hz", readings)
-    if not reported:
-        return motion
-    return replace(motion, rate=rate, guesses=(*motion.guesses, reported)).as_read()
+    write_layout(Path(path), ordered, to, robot)
 
 
 def _with_doubted_units(motion: RobotMotion) -> RobotMotion:
@@ -202,7 +159,7 @@ def _read_file(
     layout: str | None,
     rate: float | None,
     joint_names: Sequence[str] | None,
-) -> tuple[RobotMotion, ...]:
+) -> list[list[Reading]]:
     if path.is_dir():
         raise MotionError(f"{path}: this is a folder; name a file")
     if not path.is_file():
@@ -210,18 +167,14 @@ def _read_file(
     if path.stat().st_size == 0:
         raise MotionError(f"{path}: the file is empty")
     refuse_pointer(path)
-    if layout is not None:
-        suffix = layout_named(layout).suffix
-    else:
-        suffix = path.suffix.lower()
-        suffix = SUFFIXES.get(suffix, suffix)
-    if suffix not in _READERS:
+    suffix = usual_suffix(path) if layout is None else layout_named(layout).suffix
+    if suffix not in SUFFIXES.values():
         raise MotionError(
             f"{path}: {path.suffix or 'no suffix'} is of no layout that is read; robot "
-            f"motions are {', '.join(sorted(_READERS))} files (of a person's motion "
-            "`crar-drake retarget` makes one)"
+            f"motions are {', '.join(sorted(set(SUFFIXES.values())))} files (of a "
+            "person's motion `crar-drake retarget` makes one)"
         )
-    return _READERS[suffix](path, layout, rate, joint_names)
+    return readings(path, suffix, layout, rate, joint_names)
 
 
 def _in_layouts_order(

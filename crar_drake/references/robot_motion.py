@@ -1,8 +1,7 @@
 """A robot's motion as files of the field have it: the root's poses and all joints.
 
-`read_motion` and `write_motion` are the way from a file and to one; which columns and
-keys a layout has is in the files of the layouts (`csv_layouts`, `npz_layouts`,
-`pickle_layouts`), and which layouts there are in `layouts`.
+`motion_files.read_motion` and `write_motion` are the way from a file and to one; which
+columns and keys a layout has is in `layouts`.
 """
 
 from __future__ import annotations
@@ -18,14 +17,8 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.motion.rates import check_rate
 
-# The layout of a file that does not tell whether its joints are depth first or breadth
-# first, until its robot does.
-UNKNOWN_ORDER = "npz"
-# How the guess begins that is none, of the order.
-ORDER_UNKNOWN = "whether joints are "
-
 # A quaternion whose length differs by more from 1 is no rotation.
-_LENGTH_TOLERANCE = 1e-3
+LENGTH_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +80,7 @@ class RobotMotion:
                     f"{values[row, column]}, no finite number"
                 )
         off = np.abs(np.linalg.norm(Q, axis=1) - 1.0)
-        if off.max() > _LENGTH_TOLERANCE:
+        if off.max() > LENGTH_TOLERANCE:
             row = int(off.argmax())
             raise self._error(
                 f"the root's quaternion in frame {row + 1} has length "
@@ -132,14 +125,6 @@ class RobotMotion:
     def as_read(self) -> RobotMotion:
         """The same motion, which `is_as_read` from here on."""
         return replace(self, fingerprint=_fingerprint(self))
-
-    def untold_order(self) -> MotionError:
-        """What to say of a motion whose file does not tell the order of its joints."""
-        guess = next(g for g in self.guesses if g.startswith(ORDER_UNKNOWN))
-        return self._error(
-            f"{guess}; say it with --layout mjlab-npz or beyondmimic-npz, "
-            "or which robot it is with --robot"
-        )
 
     def _error(self, text: str) -> MotionError:
         return MotionError(f"{self.source}: {text}" if self.source else text)

@@ -5,7 +5,7 @@ Frames: W the world, z up; R the root link; B another link.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -96,6 +96,18 @@ class WholeBody:
         """(1 + n,) the root, then the link that each of the joints moves."""
         links = dict(zip(self.joint_names, self.link_names[1:], strict=True))
         return (self.root, *(links[name] for name in joint_names))
+
+    def order_without(
+        self, locked: Collection[str], breadth_first: bool
+    ) -> tuple[str, ...]:
+        """Names of the joints of a version of the robot that has some of them locked.
+
+        Args:
+            locked: names of those.
+            breadth_first: whether the others are in that order, and not depth first.
+        """
+        joints = self._below(self._root, not breadth_first, locked)
+        return tuple(joint.name() for joint in joints)
 
     def columns_in(self, joint_names: Sequence[str]) -> list[int]:
         """(n,) for each joint of this robot its column where they are in that order."""
@@ -280,13 +292,15 @@ class WholeBody:
     def _in_order(self, depth_first: bool) -> list[Joint]:
         return self._below(self._root, depth_first)
 
-    def _below(self, body: RigidBody, depth_first: bool) -> list[Joint]:
+    def _below(
+        self, body: RigidBody, depth_first: bool, locked: Collection[str] = ()
+    ) -> list[Joint]:
         """Joints that move and that a body carries; welded links are one with it."""
-        found, queue = [], self._moving(body)
+        found, queue = [], self._moving(body, locked)
         while queue:
             joint = queue.pop(0)
             found.append(joint)
-            further = self._moving(joint.child_body())
+            further = self._moving(joint.child_body(), locked)
             queue = further + queue if depth_first else queue + further
         for joint in found:
             if joint.num_positions() != 1:
@@ -297,11 +311,11 @@ class WholeBody:
                 )
         return found
 
-    def _moving(self, body: RigidBody) -> list[Joint]:
+    def _moving(self, body: RigidBody, locked: Collection[str]) -> list[Joint]:
         moving = []
         for joint in self._children.get(int(body.index()), []):
-            if joint.num_velocities() == 0:
-                moving += self._moving(joint.child_body())
+            if joint.num_velocities() == 0 or joint.name() in locked:
+                moving += self._moving(joint.child_body(), locked)
             else:
                 moving.append(joint)
         return moving

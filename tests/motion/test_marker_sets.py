@@ -108,7 +108,12 @@ def test_prefixes_other_subjects_and_strange_points_do_not_matter(tmp_path) -> N
     performer = performed(write(tmp_path / "b.c3d", points))
     for joint, q in plain.positions.items():
         np.testing.assert_allclose(performer.positions[joint], q, atol=1e-9)
-    assert any("other subjects in the file: bob" in note for note in performer.notes)
+    assert any("anna is taken; others: bob" in str(fact) for fact in performer.facts)
+    assert not any("subjects" in str(fact) for fact in plain.facts)
+    second = {f"P2_{name}": q + 900.0 for name, q in markers().items()}
+    performer = performed(write(tmp_path / "c.c3d", markers() | second))
+    told = "the first is taken; others have P2_LASI, P2_LPSI, P2_LSHO and 27 more"
+    assert any(told in str(fact) for fact in performer.facts)
 
 
 def test_another_unit_and_axes(tmp_path) -> None:

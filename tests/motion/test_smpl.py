@@ -77,7 +77,10 @@ def arrays(z_up: bool = True, columns: int = 156) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("z_up", [True, False])
 def test_it_moves_as_a_bvh_of_the_same_body(model, z_up, tmp_path) -> None:
     columns = {"SMPL": 156, "SMPL-X": 165}[model]
-    np.savez(tmp_path / "a.npz", **arrays(z_up, columns), gender="neutral")
+    held = arrays(z_up, columns)
+    if not z_up:  # which no file of AMASS is
+        held["fps"] = held.pop("mocap_framerate")
+    np.savez(tmp_path / "a.npz", **held, gender="neutral")
     found = performed(tmp_path / "a.npz")
     text = bvh_text(*moving(), MEAN_OFFSETS[model])
     (tmp_path / "a.bvh").write_text(text)
@@ -101,6 +104,15 @@ def test_it_moves_as_a_bvh_of_the_same_body(model, z_up, tmp_path) -> None:
     np.testing.assert_allclose(found.heading, truth.heading, atol=1e-6)
     lowest = np.min([p[:, 2] for p in found.positions.values()], axis=0)
     assert abs(np.quantile(lowest, 0.02)) < 1e-9  # the lowest that the body comes
+
+
+def test_who_lies_all_the_time_in_amass_is_not_stood_upright(tmp_path) -> None:
+    held = arrays(z_up=False)  # with z up, the body lies along y
+    np.savez(tmp_path / "a.npz", **held)
+    found = performed(tmp_path / "a.npz")
+    assert found.up == "+z" and "up +z (of the file)" in map(str, found.facts)
+    trunk = found.positions["neck"] - found.positions["pelvis"]
+    assert np.abs(trunk[:, 2]).max() < 0.3 < np.linalg.norm(trunk, axis=1).min()
 
 
 def test_hands_and_what_is_said(tmp_path) -> None:

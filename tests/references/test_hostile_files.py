@@ -6,7 +6,7 @@ import zipfile
 import pytest
 
 from crar_drake.errors import MotionError
-from crar_drake.references.npz_layouts import read_npz
+from crar_drake.references.motion_files import read_motion
 
 
 def npz(path, header: bytes, method=zipfile.ZIP_STORED):
@@ -29,7 +29,7 @@ def npz(path, header: bytes, method=zipfile.ZIP_STORED):
 )
 def test_an_array_that_claims_nonsense(tmp_path, header):
     with pytest.raises(MotionError, match=r"a\.npz: .{10,}"):
-        read_npz(npz(tmp_path / "a.npz", header), None, None, None)
+        read_motion(npz(tmp_path / "a.npz", header))
 
 
 @pytest.mark.parametrize(
@@ -52,4 +52,4 @@ def test_an_archive_that_cannot_be_unpacked(tmp_path, method, place, byte):
         data[data.index(b"PK\x01\x02") + place + 2] = byte
     path.write_bytes(data)
     with pytest.raises(MotionError, match=r"a\.npz: .{10,}"):
-        read_npz(path, None, None, None)
+        read_motion(path)

@@ -290,7 +290,8 @@ def test_a_file_that_was_read_is_written_as_it_was(tmp_path: Path, robot, layout
     first, second = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"
     write_motion(first, motion(clip="x"), layout, robot)
     for reading in ({"robot": robot}, {"layout": layout}):
-        if layout.endswith("csv"):  # sure of its order only where it is told
+        # A table is sure of its order, or its height, only where it is told.
+        if layout.endswith(("csv", "npy")):
             reading["layout"] = layout
         read = read_motion(first, **reading)
         assert read.is_as_read and read.layout == layout
@@ -308,7 +309,7 @@ def test_a_file_that_was_read_is_written_as_it_was(tmp_path: Path, robot, layout
                 assert np.array_equal(value, two[key])
 
 
-@pytest.mark.parametrize("layout", [name for name in WRITTEN if name != "named-csv"])
+@pytest.mark.parametrize("layout", sorted(set(WRITTEN) - {"named-csv", "mimickit-pkl"}))
 def test_no_layout_loses_a_number(tmp_path: Path, robot, layout: str):
     """Numbers that have 32 bits come back from every layout as they were."""
     p, Q32, q = (x.astype(np.float32).astype(float) for x in (P, Q, JOINTS))

@@ -106,7 +106,7 @@ def test_wrong_files_are_told(changes, said: str, tmp_path: Path) -> None:
 
 def test_a_layout_that_is_said_has_to_be_there(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", **loco())
-    with pytest.raises(MotionError, match="not of mjlab-npz"):
+    with pytest.raises(MotionError, match="not those of mjlab-npz"):
         read_motions(tmp_path / "a.npz", layout="mjlab-npz")
     np.savez(tmp_path / "a.npz", joint_pos=JOINTS)
     with pytest.raises(MotionError, match="no frequency, .* as locomujoco"):

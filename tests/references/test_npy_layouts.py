@@ -68,14 +68,14 @@ def test_points_of_a_person_are_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "held, said",
     [
-        (phuma(dof_pos=None), "phuma-npy is a dict with root_trans"),
+        (phuma(dof_pos=None), "it has no dof_pos, as phuma-npy has"),
         (phuma(root_ori=np.zeros((12, 4))), "frame 1: root_ori has length zero"),
         (phuma(dof_pos=JOINTS[:3]), "numbers of frames differ"),
         (phuma(dof_pos=JOINTS.T[0]), "dof_pos is an array"),
         (phuma(fps="fast"), "fps is fast, not one number"),
         (phuma(more=Path), "names .*which is no plain data and could run code"),
         (np.array([{}, {}], dtype=object), "an array of objects"),
-        (np.array(None, dtype=object), "is a dict with root_trans"),
+        (np.array(None, dtype=object), "it holds no dict"),
         (np.zeros((4, 7)), "at least one joint"),
         (np.full((4, 9), np.nan), "no finite number"),
     ],
@@ -91,7 +91,7 @@ def test_what_is_cut_off_or_said_wrongly_is_told(tmp_path: Path) -> None:
     path = tmp_path / "a.npy"
     np.save(path, phuma())
     data = path.read_bytes()
-    with pytest.raises(MotionError, match="is of phuma-npy, not of amass-npy"):
+    with pytest.raises(MotionError, match="those of phuma-npy, not those of amass-npy"):
         read_motion(path, layout="amass-npy")
     for length in (5, 60, len(data) // 2, len(data) - 1):
         path.write_bytes(data[:length])

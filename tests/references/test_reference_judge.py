@@ -233,7 +233,10 @@ def test_one_file_and_its_exit_code(files: Path, tmp_path: Path, capsys):
     robot = ["--robot", str(tmp_path / "biped")]
     assert main(["judge", str(files / "clean.csv"), *robot]) == 0
     told = capsys.readouterr().out
-    assert "guessed: quaternions are wxyz" in told and told.endswith("  clean\nOK\n")
+    assert (
+        "guessed: quaternions are wxyz" in told
+        and "\n  clean\nOK; guessed: quaternions are wxyz, 30 Hz" in told
+    )
     assert main(["judge", str(files / "bad.pkl"), *robot]) == 1
     told = capsys.readouterr().out
     assert "left_shin - right_shin" in told and "VIOLATED: capsules penetrate" in told

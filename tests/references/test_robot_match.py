@@ -58,6 +58,9 @@ def test_other_names_are_refused(robot):
 
 def test_links_decide_against_a_wrong_layout(tmp_path: Path, robot):
     write_motion(tmp_path / "a.npz", named(DEPTH_FIRST), "beyondmimic-npz", robot)
+    held = np.load(tmp_path / "a.npz")
+    unnamed = [key for key in held.files if not key.endswith("names")]
+    np.savez(tmp_path / "a.npz", **{key: held[key] for key in unnamed})
     read = read_motion(tmp_path / "a.npz", layout="mjlab-npz", robot=robot)
     assert read.layout == "beyondmimic-npz" and read.joint_names == DEPTH_FIRST
     np.testing.assert_allclose(read.joint_positions, JOINTS, atol=1e-6)

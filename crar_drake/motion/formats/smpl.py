@@ -20,7 +20,8 @@ fps, frame_rate
 betas                                  (10) or more   the body's shape
 =====================================  =============  ================================
 
-Lengths are in metres. WHAM's files say no rate. Sources: amass.is.tue.mpg.de;
+Lengths are in metres; in AMASS's files, which have mocap_framerate or
+mocap_frame_rate, z points up. WHAM's files say no rate. Sources: amass.is.tue.mpg.de;
 `smplx/body_models.py` of github.com/vchoutas/smplx; `demo.py` of
 github.com/yohanshin/WHAM.
 """
@@ -49,6 +50,8 @@ _KEYS = (
 _WHAM, _FRAMES = "pose_world", "frame_ids"
 
 _SHAPE, _MODEL = "betas", "surface_model_type"
+# Of AMASS's files alone, whose z points up.
+_AMASS = {"mocap_framerate", "mocap_frame_rate"}
 _USED = {*(k for keys, trans in _KEYS for k in (*keys, trans)), *RATES, _SHAPE, _MODEL}
 _TURNS = 3 * len(NAMES)
 _SMPLX_TURNS = 3 * 55
@@ -64,6 +67,7 @@ class SmplMotion:
     frame_rate: float  # samples per second [Hz]; 0 if the file does not say
     model: str  # "SMPL", whose skeleton SMPL-H has as well, or "SMPL-X"
     betas: np.ndarray  # (K,) the body's shape; none if the file does not say
+    up: str = ""  # axis that points up by convention, or "" if there is none
     notes: tuple[str, ...] = ()  # what of the file is left out
 
 
@@ -159,6 +163,7 @@ def _smpl_of(where: str, arrays: Mapping[str, object]) -> SmplMotion:
         model="SMPL-X" if smplx else "SMPL",
         # Some have a row a frame, all of one body.
         betas=betas.reshape(-1, betas.shape[-1])[0] if betas.size else np.zeros(0),
+        up="+z" if trans == "trans" and _AMASS & arrays.keys() else "",
     )
 
 

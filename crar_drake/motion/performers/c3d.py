@@ -1,5 +1,8 @@
 """The performer of a C3D or TRC file with a known set of markers."""
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from crar_drake.errors import MotionError
@@ -10,6 +13,9 @@ from crar_drake.motion.marker_sets import choose_markers, marker_body
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import SIDES, Fact, Performer, repeated
 from crar_drake.motion.performers.assemble import Recording, assemble
+
+# So many more markers with the names of a body's are of another one.
+_SECOND_BODY = 10
 
 
 def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Performer:
@@ -54,10 +60,10 @@ def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Perfor
         {measure: metres * value for measure, value in markers.measures.items()},
         rate,
     )
-    others = {label.rpartition(":")[0] for label in markers.labels} - {subject, ""}
-    if others:
-        notes += (f"other subjects in the file: {', '.join(sorted(others))}",)
     facts = [Fact("markers", marker_set, "file", f"subject {subject}" * bool(subject))]
+    if others := _others(markers.labels, labels, subject):
+        who = f"{subject or 'the first'} is taken"
+        facts.append(Fact("subjects", "several", "file", f"{who}; {others}"))
     if not any(measure.endswith("KneeWidth") for measure in markers.measures):
         facts.append(Fact("widths of joints", "an adult's", "assumed"))
     return assemble(
@@ -81,3 +87,25 @@ def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Perfor
         ),
         options,
     )
+
+
+def _others(labels: Sequence[str], used: Mapping[str, str], subject: str) -> str:
+    """Who else is in the file, in words; "" if nobody is.
+
+    Args:
+        labels: of all markers.
+        used: marker of the body that is taken to its label.
+        subject: that body's prefix.
+    """
+    prefixes = {label.rpartition(":")[0] for label in labels} - {subject, ""}
+    if prefixes:
+        return f"others: {', '.join(sorted(prefixes))}"
+    twice = list((Counter(labels) - Counter(set(labels))).elements())
+    alike = twice + [
+        label
+        for marker, label in used.items()
+        if any(name in marker for name in used if name != marker)
+    ]
+    if len(alike) < _SECOND_BODY:
+        return ""
+    return f"others have {', '.join(alike[:3])} and {len(alike) - 3} more markers"

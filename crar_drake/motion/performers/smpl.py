@@ -77,6 +77,7 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
                 )
             ),
             notes=motion.notes,
+            up=motion.up,
             facts=(lengths,),
         ),
         options,

@@ -19,6 +19,8 @@ HEADER = [
     "length",
     "farthest limb, median / 95 %",
     "knees, left / right, median",
+    "root's acceleration, rms / peak",
+    "of the person's, scaled",
     "slip, planted / until it is high",
     "lowest point",
     "nearest, at frames / between",
@@ -39,6 +41,11 @@ def row(motion: str, clip: RetargetedClip) -> list[str]:
         f"{(kept.frames - 1) / kept.rate:.1f} s",
         f"{median:.1f}° / {most:.1f}°",
         knees,
+        "{:.1f} / {:.1f} m/s²".format(*clip.root),
+        " / ".join(
+            f"{of / persons:.2f}"
+            for of, persons in zip(clip.root, clip.persons_root, strict=True)
+        ),
         f"{1e3 * clip.slip:.1f} / {1e3 * clip.leaving:.1f} mm",
         f"{1e3 * clip.lowest:.1f} mm",
         f"{1e3 * kept.nearest:.1f} / {1e3 * kept.between:.1f} mm",

@@ -186,6 +186,8 @@ def _lines(clip: RetargetedClip) -> list[str]:
         f"knees bend more than the person's by (median, and 95 %): {knees}",
         f"planted feet slip by at most {1e3 * clip.slip:.1f} mm, the lowest point is "
         f"{1e3 * clip.lowest:+z.1f} mm over the floor",
+        "the root accelerates by {:.1f} m/s^2 rms, {:.1f} at most; ".format(*clip.root)
+        + "the person's, scaled, by {:.1f} and {:.1f}".format(*clip.persons_root),
         f"nearest links {1e3 * cleaned.nearest:.1f} mm apart, on ways between frames "
         f"at least {1e3 * cleaned.between:.1f} mm",
     ]

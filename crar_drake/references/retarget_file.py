@@ -28,6 +28,7 @@ from crar_drake.references.layouts import layout_named, layouts_of
 from crar_drake.references.mesh_rows import MeshRows
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.smoothness import root_acceleration
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory.performer_targets import LIMBS, PerformerTargets
@@ -64,6 +65,9 @@ class RetargetedClip:
     # a foot for planted until it is 30 mm high, or fast [m]
     leaving: float
     lowest: float  # the lowest point of all links, over the floor [m]
+    # of the root rms and largest, and of the person's, scaled [m/s^2]
+    root: tuple[float, float]
+    persons_root: tuple[float, float]
     seconds: float  # of a processor, from the file to the certified motion [s]
 
     @property
@@ -229,6 +233,8 @@ class FileRetargeter:
             self._outline.slip_of_planted(written, planted),
             max((foot.worst for foot in ground.feet), default=0.0),
             float(ground.lowest.min()),
+            root_acceleration(written.root_positions, rate),
+            root_acceleration(found.targets.root_positions, rate),
             seconds,
         )
 

@@ -28,6 +28,7 @@ HEADER = (
     "ground",
     "jumps",
     "slip",
+    "root, m/s²",
     "verdict",
 )
 
@@ -54,6 +55,7 @@ def verdict_row(verdict: ReferenceVerdict) -> tuple[str, ...]:
         _millimetres(verdict.lowest.min()),
         str(len(verdict.jumps)),
         "-" if np.isnan(slip) else _millimetres(slip),
+        "{:.1f} / {:.1f}".format(*verdict.root_acceleration),
         "; ".join(verdict.violations) or "clean",
     )
 
@@ -106,6 +108,8 @@ def verdict_lines(verdict: ReferenceVerdict) -> Iterator[str]:
         yield text
     if not verdict.feet:
         yield "  feet: the robot has no frames left_foot and right_foot"
+    rms, peak = verdict.root_acceleration
+    yield f"  root: accelerates by rms {rms:.1f}, peak {peak:.1f} m/s²"
     yield (
         f"  jerk: rms {verdict.rms_jerk:.0f}, peak {verdict.peak_jerk:.0f} rad/s³ "
         f"({verdict.peak_jerk_joint})"
@@ -160,6 +164,9 @@ def verdict_data(verdict: ReferenceVerdict) -> dict:
             {"what": j.what, "frame": j.frame, "size": j.size, "unit": j.unit}
             for j in verdict.jumps
         ],
+        "root_acceleration": dict(
+            zip(("rms", "peak"), verdict.root_acceleration, strict=True)
+        ),
         "jerk": {
             "rms": verdict.rms_jerk,
             "peak": verdict.peak_jerk,

@@ -92,6 +92,10 @@ class RetargetingParameters:
     posture: float = 0.03  # of the rest posture [1/rad]
     smoothing: float = 0.02  # motions that come and go within this time cost more [s],
     change_smoothing: float = 0.08  # as do changes by which constraints are kept [s]
+    # of how much else than the person's, scaled, the root accelerates [s^2/m], and its
+    # turn does [s^2/rad]
+    root_acceleration: float = 0.04
+    turn_acceleration: float = 0.005
     cutoff: float = 6.0  # of the low-pass of the performer [Hz]
     floor: float = 4e-3  # distance that watched pairs keep at each frame [m],
     floor_between: float = 0.5e-3  # and on the straight way to the next [m]
@@ -211,8 +215,9 @@ class Retargeter:
         problem = self._problem(targets, keeper, y)
         effort = Effort()
         y = keeper.found_without_rows(problem, y, effort)
-        stiff = np.full(ROOT + n, (p.change_smoothing * rate) ** 2)
-        problem = replace(problem, about=y, smoothness=stiff)
+        problem = replace(
+            problem, about=y, smoothness=self._smoothness(p.change_smoothing, rate)
+        )
         y, violating, effort = keeper.keep(problem, y, effort, progress, meshes=meshes)
         tasks, slip = problem.tasks, problem.tasks.slip(y)
         if slip > 0.0:
@@ -305,13 +310,20 @@ class Retargeter:
             posture=y.copy(),
             posture_weight=weight,
             about=np.zeros_like(y),
-            smoothness=np.full(ROOT + n, (p.smoothing * rate) ** 2),
+            smoothness=self._smoothness(p.smoothing, rate),
             lower=np.concatenate([-nowhere, self._lower]),
             upper=np.concatenate([nowhere, self._upper]),
             fastest=np.concatenate([nowhere, fastest]),
             near_rows=NearRowsAndFloor(self, targets, keeper),
             num_rows=keeper.num_rows + len(self.floor_points[0]),
         )
+
+    def _smoothness(self, time: float, rate: float) -> np.ndarray:
+        """(m,) weights of second differences, of joints by a time [s]."""
+        p = self.parameters
+        of_root = np.repeat([p.root_acceleration, p.turn_acceleration], 3)
+        joints = np.full(self.model.n, time**2)
+        return rate**2 * np.concatenate([of_root, joints])
 
     def _keeper_of(self, rate: float) -> Keeper:
         """Making one takes a tenth of a second: the last one is kept."""

@@ -17,6 +17,7 @@ solved again as a whole, and may be elsewhere. The motion that is found is clean
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,7 +47,7 @@ from crar_drake.trajectory.distance_rows import (
     NearRows,
     join_rows,
 )
-from crar_drake.trajectory.keeping import Keeper, Meshes
+from crar_drake.trajectory.keeping import COARSE, Keeper, Meshes
 from crar_drake.trajectory.optimiser import AtFrames, Effort, Problem, Samples
 from crar_drake.trajectory.performer_targets import (
     LIMBS,
@@ -214,7 +215,10 @@ class Retargeter:
         keeper = self._keeper_of(rate)
         problem = self._problem(targets, keeper, y)
         effort = Effort()
-        y = keeper.found_without_rows(problem, y, effort)
+        # Feet pull a leg that points elsewhere to where it cannot turn back from.
+        limbs = replace(problem, tasks=problem.tasks.without_feet())
+        for each, every in ((limbs, COARSE), (problem, COARSE), (problem, 1)):
+            y = keeper.found_without_rows(each, y, effort, every)
         problem = replace(
             problem, about=y, smoothness=self._smoothness(p.change_smoothing, rate)
         )
@@ -553,6 +557,13 @@ class PersonTasks:
             X_BF = frame.GetFixedPoseInBodyFrame()
             self._hand_turns[number] = X_BF.rotation().matrix()
             self._hand_rotations[:, number] = targets.hands[hand]
+
+    def without_feet(self) -> PersonTasks:
+        """Limbs, root and hands alone."""
+        found = copy(self)
+        found._end_weights = np.zeros_like(self._end_weights)
+        found._height_weights = np.zeros_like(self._height_weights)
+        return found
 
     def slip(self, y: np.ndarray) -> float:
         """By how much more than `MOST_SLIP` feet slip, all their contacts together [m].

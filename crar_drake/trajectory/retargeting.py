@@ -60,9 +60,9 @@ _SOLE = 0.01
 # Directions in which a link's farthest point is one that can be the lowest.
 _OF_FEET, _OF_LINKS = 512, 64
 
-# So high the ends of a foot are in the air; nearer to the floor they count more, since
-# they would slip else [m].
-_LOW = 0.08
+# The ends of a foot are in the air so high [m], or so long before and after it stands
+# [s]. In between they count more, since they would slip else.
+_LOW, _SOON = 0.08, 0.2
 # Soles that stand are wanted so high, for nothing to be below the floor [m].
 _ABOVE = 4e-4
 # Within this time before and after both stand, legs part by what they are asked to be
@@ -84,9 +84,9 @@ class RetargetingParameters:
     root: float = 1.0  # of the root's place on the floor [1/m]
     root_height: float = 0.3  # of its height [1/m]
     turn: float = 1.0  # of how the root is turned [1/rad]
-    foot: float = 5.0  # of heels and balls on the floor plane, in the air [1/m],
+    foot: float = 1.5  # of heels and balls on the floor plane, in the air [1/m],
     planted: float = 60.0  # and standing [1/m]
-    foot_height: float = 10.0  # of the heights of the soles' corners, in the air [1/m],
+    foot_height: float = 2.0  # of the heights of the soles' corners, in the air [1/m],
     planted_height: float = 100.0  # and standing [1/m]
     standing: float = 2e3  # of the steps of what stands, from a frame to the next [1/m]
     hand: float = 0.4  # of how the hands are turned, by their axes [1]
@@ -95,7 +95,7 @@ class RetargetingParameters:
     change_smoothing: float = 0.08  # as do changes by which constraints are kept [s]
     # of how much else than the person's, scaled, the root accelerates [s^2/m], and its
     # turn does [s^2/rad]
-    root_acceleration: float = 0.04
+    root_acceleration: float = 0.07
     turn_acceleration: float = 0.005
     cutoff: float = 6.0  # of the low-pass of the performer [Hz]
     floor: float = 4e-3  # distance that watched pairs keep at each frame [m],
@@ -512,7 +512,7 @@ class PersonTasks:
 
     def __init__(self, robot: Retargeter, targets: PerformerTargets) -> None:
         self._robot, self._targets = robot, targets
-        p = robot.parameters
+        p, rate = robot.parameters, targets.rate
         limbs = list(targets.directions)
         ends = [LIMBS[limb][1] for limb in limbs]
         self._limb_weights = np.array(
@@ -530,7 +530,12 @@ class PersonTasks:
         on = np.stack([x for f in feet for x in (f.on_heel, f.on_ball)], axis=1)
         heights = np.stack([f.heights for f in feet], axis=1)  # (T, 2, 4)
         self._heights = heights.reshape(len(on), -1) + _ABOVE
-        near = np.where(on, 1.0, np.clip(1.0 - self._ends[..., 2] / _LOW, 0.0, 1.0))
+        stands = [
+            smooth_flags(f.on_heel | f.on_ball, round(_SOON * rate)) for f in feet
+        ]
+        soon = np.repeat(stands, 2, axis=0).T
+        low = np.clip(1.0 - self._ends[..., 2] / _LOW, 0.0, 1.0)
+        near = np.where(on, 1.0, low * soon)
         weights = p.foot + near * (p.planted - p.foot)
         self._end_weights = np.repeat(weights, 2, axis=1)
         weights = p.foot_height + near * (p.planted_height - p.foot_height)

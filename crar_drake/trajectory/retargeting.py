@@ -60,9 +60,9 @@ _SOLE = 0.01
 # Directions in which a link's farthest point is one that can be the lowest.
 _OF_FEET, _OF_LINKS = 512, 64
 
-# The ends of a foot are in the air so high [m], or so long before and after it stands
-# [s]. In between they count more, since they would slip else.
-_LOW, _SOON = 0.08, 0.2
+# The ends of a foot count more, since they would slip else, the lower they are than
+# this [m], if they are slower than this [m/s] or the foot stands within this time [s].
+_LOW, _SLOW, _SOON = 0.08, 0.5, 0.2
 # Soles that stand are wanted so high, for nothing to be below the floor [m].
 _ABOVE = 4e-4
 # Within this time before and after both stand, legs part by what they are asked to be
@@ -91,7 +91,7 @@ class RetargetingParameters:
     standing: float = 2e3  # of the steps of what stands, from a frame to the next [1/m]
     hand: float = 0.4  # of how the hands are turned, by their axes [1]
     posture: float = 0.03  # of the rest posture [1/rad]
-    smoothing: float = 0.02  # motions that come and go within this time cost more [s],
+    smoothing: float = 0.03  # motions that come and go within this time cost more [s],
     change_smoothing: float = 0.08  # as do changes by which constraints are kept [s]
     # of how much else than the person's, scaled, the root accelerates [s^2/m], and its
     # turn does [s^2/rad]
@@ -530,12 +530,12 @@ class PersonTasks:
         on = np.stack([x for f in feet for x in (f.on_heel, f.on_ball)], axis=1)
         heights = np.stack([f.heights for f in feet], axis=1)  # (T, 2, 4)
         self._heights = heights.reshape(len(on), -1) + _ABOVE
-        stands = [
-            smooth_flags(f.on_heel | f.on_ball, round(_SOON * rate)) for f in feet
-        ]
-        soon = np.repeat(stands, 2, axis=0).T
+        on_it = [smooth_flags(f.on_heel | f.on_ball, round(_SOON * rate)) for f in feet]
+        steps = np.diff(self._ends, axis=0, prepend=self._ends[:1])
+        slow = 1.0 - rate * np.linalg.norm(steps, axis=2) / _SLOW
         low = np.clip(1.0 - self._ends[..., 2] / _LOW, 0.0, 1.0)
-        near = np.where(on, 1.0, low * soon)
+        near = low * np.clip(slow, np.repeat(on_it, 2, axis=0).T, 1.0)
+        near = np.where(on, 1.0, near)
         weights = p.foot + near * (p.planted - p.foot)
         self._end_weights = np.repeat(weights, 2, axis=1)
         weights = p.foot_height + near * (p.planted_height - p.foot_height)

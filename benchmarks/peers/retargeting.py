@@ -217,7 +217,7 @@ class Comparison:
         motion: RobotMotion,
         times_real_time: float,
     ) -> Figures:
-        limbs, knees = likeness(self._retargeter, targets, motion)
+        limbs, knees, _ = likeness(self._retargeter, targets, motion)
         limbs = {limb: off for limb, off in limbs.items() if "-" in limb}
         verdict = self._judge.judge(motion)
         ground = self._outline.ground_contact(motion, floor=0.0)

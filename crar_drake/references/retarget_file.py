@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,20 +18,23 @@ from crar_drake.files import check_file
 from crar_drake.motion.catalogue import load_performer, motion_files
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import SIDES
+from crar_drake.motion.planted_feet import runs
 from crar_drake.motion.quaternion_spline import sign_continuous
 from crar_drake.motion.rates import check_rate
 from crar_drake.motion.report import inspect
 from crar_drake.references.certificate_files import check_certificate_place, file_hash
 from crar_drake.references.clean_file import CleanedClip, MotionCleaner
 from crar_drake.references.cleaning import CleaningParameters
-from crar_drake.references.ground_contact import Outline
+from crar_drake.references.ground_contact import GroundContact, Outline
 from crar_drake.references.layouts import layout_named, layouts_of
 from crar_drake.references.mesh_rows import MeshRows
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.robot_motion import RobotMotion
-from crar_drake.references.smoothness import root_acceleration
+from crar_drake.references.smoothness import find_jumps, root_acceleration
+from crar_drake.references.verdict_report import spans
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.description import LIMIT_TOLERANCE, load_robot_description
+from crar_drake.trajectory.keeping import share_of_range
 from crar_drake.trajectory.performer_targets import LIMBS, PerformerTargets
 from crar_drake.trajectory.retargeting import (
     Retargeter,
@@ -41,6 +45,11 @@ from crar_drake.trajectory.retargeting import (
 _LAYOUTS = {".csv": "xyzw-csv", ".npz": "mjlab-npz", ".pkl": "gmr-pkl"}
 RATE = 30.0  # [Hz] that most reference motions have
 CLEANING = CleaningParameters()  # of what was retargeted
+# What is wrong for longer than this is a fault [s].
+_LASTS = 0.2
+# Nothing carries a robot that is so high [m] while its root falls by less than this
+# [m/s^2].
+_IN_THE_AIR, _FALLS = 0.03, 9.81 / 3.0
 # Deeper than this below the floor is a violation, as `crar-drake judge` has it [m].
 MOST_BELOW = 0.01
 
@@ -68,6 +77,9 @@ class RetargetedClip:
     # of the root rms and largest, and of the person's, scaled [m/s^2]
     root: tuple[float, float]
     persons_root: tuple[float, float]
+    # what went wrong, with the frames: limbs that point elsewhere than the person's,
+    # frames that nothing carries, jumps, joints beyond the share of their ranges
+    faults: tuple[str, ...]
     seconds: float  # of a processor, from the file to the certified motion [s]
 
     @property
@@ -102,6 +114,9 @@ class RetargetOptions:
     rate: float = RATE  # frames per second to be written [Hz]
     # what is wanted
     parameters: RetargetingParameters = field(default_factory=RetargetingParameters)
+    # limbs that are off by more for longer than 0.2 s are a fault [rad]; the head is
+    # none of them
+    most_off: float = np.pi / 4.0
 
     def __post_init__(self) -> None:
         check_rate(self.rate)
@@ -119,6 +134,7 @@ class RetargetOptions:
             "read with": {path.name: file_hash(path) for path in besides},
             "layout": self.layout,
             "rate": self.rate,
+            "most off": self.most_off,
         }
 
 
@@ -221,7 +237,16 @@ class FileRetargeter:
         given = None if layout_named(layout).has_rate else rate
         written = read_motion(out, layout, given, robot=robot)
         ground = self._outline.ground_contact(written, floor=0.0)
-        limbs, knees = likeness(retargeter, found.targets, written)
+        limbs, knees, off = likeness(retargeter, found.targets, written)
+        faults = [
+            *_limb_faults(off, options.most_off, rate),
+            *_faults("nothing carries the robot", _uncarried(written, ground), rate),
+            *_range_faults(robot, options.parameters.limits, written),
+            *(
+                f"{jump.what} jumps to frame {jump.frame + 1}"
+                for jump in find_jumps(written)
+            ),
+        ]
         planted = {
             f"{side}_foot": foot.on_heel | foot.on_ball
             for side, foot in found.targets.feet.items()
@@ -235,6 +260,7 @@ class FileRetargeter:
             float(ground.lowest.min()),
             root_acceleration(written.root_positions, rate),
             root_acceleration(found.targets.root_positions, rate),
+            tuple(faults),
             seconds,
         )
 
@@ -261,10 +287,48 @@ def _check_place(out: Path) -> None:
     check_certificate_place(out)
 
 
+def _faults(what: str, frames: np.ndarray, rate: float) -> Iterator[str]:
+    """A fault in words, of (T,) frames, if it lasts."""
+    lasting = [run for run in runs(frames) if run[1] - run[0] > _LASTS * rate]
+    if lasting:
+        some = tuple(frame for run in lasting for frame in range(*run))
+        yield f"{what} in frames {spans(some)}"
+
+
+def _limb_faults(off: dict[str, np.ndarray], most: float, rate: float) -> Iterator[str]:
+    """Limbs that are off by more than is allowed [rad]."""
+    for limb in off.keys() - {"head"}:
+        name = limb.replace("_", " ")
+        by = f"up to {math.degrees(off[limb].max()):.0f} deg"
+        yield from _faults(f"{name} is off by {by}", off[limb] > most, rate)
+
+
+def _uncarried(motion: RobotMotion, ground: GroundContact) -> np.ndarray:
+    """(T,) whether the robot is in the air and does not fall."""
+    z = np.pad(motion.root_positions[:, 2], 1, mode="reflect", reflect_type="odd")
+    rises = np.diff(z, 2) * motion.rate**2
+    return (ground.lowest > _IN_THE_AIR) & (rises > -_FALLS)
+
+
+def _range_faults(robot: WholeBody, share: float, motion: RobotMotion) -> Iterator[str]:
+    """Joints beyond a share of their ranges."""
+    lower, upper = share_of_range(robot.lower, robot.upper, share)
+    q = motion.joint_positions
+    beyond = (np.maximum(lower - q, q - upper) > LIMIT_TOLERANCE).any(axis=1)
+    if share < 1.0 and beyond.any():
+        frames = tuple(np.flatnonzero(beyond).tolist())
+        yield f"a joint is beyond {share:g} of its range in frames {spans(frames)}"
+
+
 def likeness(
     retargeter: Retargeter, targets: PerformerTargets, motion: RobotMotion
-) -> tuple[dict[str, tuple[float, float]], dict[str, tuple[float, float]]]:
-    """How like the person a robot moves: `limbs` and `knees` of a `RetargetedClip`.
+) -> tuple[
+    dict[str, tuple[float, float]],
+    dict[str, tuple[float, float]],
+    dict[str, np.ndarray],
+]:
+    """How like the person a robot moves: `limbs` and `knees` of a `RetargetedClip`, and
+    limb to (T,) how far it is off [rad].
 
     Args:
         retargeter: of the robot.
@@ -285,17 +349,18 @@ def likeness(
             strict=True,
         )
     )
-    limbs = {}
-    for limb, wanted in targets.directions.items():
-        off = _angles(ways[limb], wanted)
-        limbs[limb] = float(np.median(off)), float(np.quantile(off, 0.95))
+    off = {limb: _angles(ways[limb], way) for limb, way in targets.directions.items()}
+    limbs = {
+        limb: (float(np.median(by)), float(np.quantile(by, 0.95)))
+        for limb, by in off.items()
+    }
     knees = {}
     for side in SIDES:
         pair = f"{side}_hip-knee", f"{side}_knee-ankle"
         bend = _angles(*(ways[limb] for limb in pair))
         more = bend - _angles(*(targets.directions[limb] for limb in pair))
         knees[side] = float(np.median(more)), float(np.quantile(np.abs(more), 0.95))
-    return limbs, knees
+    return limbs, knees, off
 
 
 def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -71,6 +71,7 @@ class RetargetedRow(CleanedClip):
     persons_root: float  # and the person's, scaled, rms [m/s^2]
     persons_root_peak: float  # and at most [m/s^2]
     farthest: str  # that limb
+    faults: str  # what went wrong, with the frames; "" if nothing did
 
     @property
     def below(self) -> bool:
@@ -79,8 +80,9 @@ class RetargetedRow(CleanedClip):
 
     @property
     def violated(self) -> bool:
-        """Whether anything is, as of what was cleaned, or it is below the floor."""
-        return super().violated or self.below
+        """Whether anything is, as of what was cleaned, it is below the floor, or
+        anything went wrong."""
+        return super().violated or self.below or bool(self.faults)
 
 
 def find_people(folder: Path) -> list[Path]:
@@ -145,7 +147,7 @@ def retarget_folder(
         },
         begin=partial(_RowOfFile, robot, given),
         figures=FIGURES,
-        note=lambda row: row.deepest or f"farthest off: {row.farthest}",
+        note=lambda row: row.deepest or row.faults or f"farthest off: {row.farthest}",
         robot=robot,
         parameters=asdict(CLEANING),
         options=given.certified,
@@ -182,4 +184,5 @@ def row_of(clip: RetargetedClip) -> RetargetedRow:
         persons_root=clip.persons_root[0],
         persons_root_peak=clip.persons_root[1],
         farthest=clip.farthest,
+        faults="; ".join(clip.faults),
     )

@@ -229,7 +229,7 @@ def _pair_lines(pairs: tuple[PairFrames, ...], rate: float) -> Iterator[str]:
     for pair in pairs[:_MOST]:
         yield (
             f"    {pair.pair[0]} - {pair.pair[1]}: {plural(len(pair.frames), 'frame')} "
-            f"({_spans(pair.frames)}), deepest {1e3 * pair.depth:.1f} mm at "
+            f"({spans(pair.frames)}), deepest {1e3 * pair.depth:.1f} mm at "
             f"{pair.frame / rate:.2f} s"
         )
     yield from _more(len(pairs))
@@ -244,13 +244,13 @@ def _beyond_lines(
     for joint in beyond[:_MOST]:
         yield (
             f"    {joint.joint}: {plural(len(joint.frames), 'frame')} "
-            f"({_spans(joint.frames)}), by up to {joint.excess:.3g} {unit} at "
+            f"({spans(joint.frames)}), by up to {joint.excess:.3g} {unit} at "
             f"{joint.frame / rate:.2f} s"
         )
     yield from _more(len(beyond))
 
 
-def _spans(frames: tuple[int, ...]) -> str:
+def spans(frames: tuple[int, ...]) -> str:
     """Frames, counted from 1, as "3-7, 12"; the first three stretches."""
     cuts = np.flatnonzero(np.diff(frames) > 1) + 1
     spans = [

@@ -47,7 +47,7 @@ from crar_drake.trajectory.distance_rows import (
     NearRows,
     join_rows,
 )
-from crar_drake.trajectory.keeping import COARSE, Keeper, Meshes
+from crar_drake.trajectory.keeping import COARSE, Keeper, Meshes, share_of_range
 from crar_drake.trajectory.optimiser import AtFrames, Effort, Problem, Samples
 from crar_drake.trajectory.performer_targets import (
     LIMBS,
@@ -97,6 +97,7 @@ class RetargetingParameters:
     # turn does [s^2/rad]
     root_acceleration: float = 0.07
     turn_acceleration: float = 0.005
+    limits: float = 1.0  # share of each joint's range, about its middle, that is used
     cutoff: float = 6.0  # of the low-pass of the performer [Hz]
     floor: float = 4e-3  # distance that watched pairs keep at each frame [m],
     floor_between: float = 0.5e-3  # and on the straight way to the next [m]
@@ -445,7 +446,8 @@ class Retargeter:
     def _bent_as_a_person(self) -> tuple[np.ndarray, np.ndarray]:
         """(n,) limits of the joints, elbows and knees beyond straight on one side."""
         model = self.model
-        lower, upper = model.lower.copy(), model.upper.copy()
+        share = self.parameters.limits
+        lower, upper = share_of_range(model.lower, model.upper, share)
         # From a straight limb the lower part goes ahead at an elbow, back at a knee.
         for chain, ahead in (
             (("shoulder", "elbow", "wrist"), 1.0),

@@ -10,8 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.page import Benchmark, Table, run
+from crar_drake.commands.retarget import violations_of
 from crar_drake.errors import MotionError
 from crar_drake.references.retarget_file import RetargetedClip, retarget_file
+from crar_drake.references.retarget_folder import row_of
 from crar_drake.robot.description import whole_body_name
 
 HEADER = [
@@ -26,6 +28,7 @@ HEADER = [
     "nearest, at frames / between",
     "frames with meshes in penetration",
     "joint and speed limits",
+    "verdict",
     "× real time",
 ]
 
@@ -51,6 +54,7 @@ def row(motion: str, clip: RetargetedClip) -> list[str]:
         f"{1e3 * kept.nearest:.1f} / {1e3 * kept.between:.1f} mm",
         f"{max(kept.meshes_penetrating, 0)} of {kept.frames}",
         "kept" if not beyond else f"{beyond} frames beyond",
+        "; ".join(violations_of(row_of(clip))) or "OK",
         f"{clip.times_real_time:.1f}",
     ]
 

@@ -104,14 +104,13 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from crar_drake.motion.options import MotionOptions
     from crar_drake.robot.description import whole_body_name
-    from crar_drake.trajectory.retargeting import RetargetingParameters
 
     given = {option: getattr(arguments, option) for option in FILE_OPTIONS}
     options = {
         "options": MotionOptions(**{k: v for k, v in given.items() if v}),
         "layout": arguments.layout or "",
         "rate": arguments.rate,
-        "parameters": RetargetingParameters(limits=arguments.limits),
+        "limits": arguments.limits,
     }
     if arguments.at_most:
         options["most_off"] = arguments.at_most["limbs"]
@@ -139,7 +138,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(line)
     print(out)
     print(certificate_path(out))
-    return final_line(_violations_of(row_of(clip)))
+    return final_line(violations_of(row_of(clip)))
 
 
 def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
@@ -173,7 +172,7 @@ def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
             f"median and {most:.1f} deg in 95 % of the frames; planted feet slip by "
             f"{1e3 * max(row.slip for row in rows):.1f} mm"
         )
-    return report_files(files, _violations, _violations_of, out / RETARGETED_TABLE)
+    return report_files(files, _violations, violations_of, out / RETARGETED_TABLE)
 
 
 def _violations(rows: Sequence[RetargetedRow]) -> list[str]:
@@ -185,7 +184,7 @@ def _violations(rows: Sequence[RetargetedRow]) -> list[str]:
     ]
 
 
-def _violations_of(row: RetargetedRow) -> list[str]:
+def violations_of(row: RetargetedRow) -> list[str]:
     """What a motion violates, with how deep it is."""
     below = [f"{-1e3 * row.lowest:.0f} mm below the floor"] if row.below else []
     return [*violations([row]), *below, *filter(None, [row.faults])]

@@ -18,7 +18,7 @@ from crar_drake.files import check_file
 from crar_drake.motion.catalogue import load_performer, motion_files
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import SIDES
-from crar_drake.motion.planted_feet import runs
+from crar_drake.motion.planted_feet import without_short
 from crar_drake.motion.quaternion_spline import sign_continuous
 from crar_drake.motion.rates import check_rate
 from crar_drake.motion.report import inspect
@@ -33,8 +33,7 @@ from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.smoothness import find_jumps, root_acceleration
 from crar_drake.references.verdict_report import spans
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.robot.description import LIMIT_TOLERANCE, load_robot_description
-from crar_drake.trajectory.keeping import share_of_range
+from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory.performer_targets import LIMBS, PerformerTargets
 from crar_drake.trajectory.retargeting import (
     Retargeter,
@@ -78,7 +77,7 @@ class RetargetedClip:
     root: tuple[float, float]
     persons_root: tuple[float, float]
     # what went wrong, with the frames: limbs that point elsewhere than the person's,
-    # frames that nothing carries, jumps, joints beyond the share of their ranges
+    # frames that nothing carries, and jumps
     faults: tuple[str, ...]
     seconds: float  # of a processor, from the file to the certified motion [s]
 
@@ -114,6 +113,7 @@ class RetargetOptions:
     rate: float = RATE  # frames per second to be written [Hz]
     # what is wanted
     parameters: RetargetingParameters = field(default_factory=RetargetingParameters)
+    limits: float = 1.0  # share of joints' ranges, as `RobotDescription.range_share`
     # limbs that are off by more for longer than 0.2 s are a fault [rad]; the head is
     # none of them
     most_off: float = np.pi / 4.0
@@ -134,6 +134,7 @@ class RetargetOptions:
             "read with": {path.name: file_hash(path) for path in besides},
             "layout": self.layout,
             "rate": self.rate,
+            "limits": self.limits,
             "most off": self.most_off,
         }
 
@@ -185,6 +186,7 @@ class FileRetargeter:
         """
         self._options = options
         description = load_robot_description(robot).without_ground()
+        description = replace(description, range_share=options.limits)
         self._robot = WholeBody(description)
         self.retargeter = Retargeter(
             description, options.parameters, self._robot.outlines
@@ -238,15 +240,7 @@ class FileRetargeter:
         written = read_motion(out, layout, given, robot=robot)
         ground = self._outline.ground_contact(written, floor=0.0)
         limbs, knees, off = likeness(retargeter, found.targets, written)
-        faults = [
-            *_limb_faults(off, options.most_off, rate),
-            *_faults("nothing carries the robot", _uncarried(written, ground), rate),
-            *_range_faults(robot, options.parameters.limits, written),
-            *(
-                f"{jump.what} jumps to frame {jump.frame + 1}"
-                for jump in find_jumps(written)
-            ),
-        ]
+        faults = find_faults(off, options.most_off, written, ground)
         planted = {
             f"{side}_foot": foot.on_heel | foot.on_ball
             for side, foot in found.targets.feet.items()
@@ -287,37 +281,34 @@ def _check_place(out: Path) -> None:
     check_certificate_place(out)
 
 
-def _faults(what: str, frames: np.ndarray, rate: float) -> Iterator[str]:
-    """A fault in words, of (T,) frames, if it lasts."""
-    lasting = [run for run in runs(frames) if run[1] - run[0] > _LASTS * rate]
-    if lasting:
-        some = tuple(frame for run in lasting for frame in range(*run))
-        yield f"{what} in frames {spans(some)}"
+def find_faults(
+    off: dict[str, np.ndarray],
+    most_off: float,
+    motion: RobotMotion,
+    ground: GroundContact,
+) -> Iterator[str]:
+    """`faults` of a `RetargetedClip`.
 
-
-def _limb_faults(off: dict[str, np.ndarray], most: float, rate: float) -> Iterator[str]:
-    """Limbs that are off by more than is allowed [rad]."""
-    for limb in off.keys() - {"head"}:
-        name = limb.replace("_", " ")
-        by = f"up to {math.degrees(off[limb].max()):.0f} deg"
-        yield from _faults(f"{name} is off by {by}", off[limb] > most, rate)
-
-
-def _uncarried(motion: RobotMotion, ground: GroundContact) -> np.ndarray:
-    """(T,) whether the robot is in the air and does not fall."""
+    Args:
+        off: limb to (T,) how far it is off [rad].
+        most_off: as of `RetargetOptions`.
+        motion: the robot's.
+        ground: its contact with the floor.
+    """
     z = np.pad(motion.root_positions[:, 2], 1, mode="reflect", reflect_type="odd")
-    rises = np.diff(z, 2) * motion.rate**2
-    return (ground.lowest > _IN_THE_AIR) & (rises > -_FALLS)
-
-
-def _range_faults(robot: WholeBody, share: float, motion: RobotMotion) -> Iterator[str]:
-    """Joints beyond a share of their ranges."""
-    lower, upper = share_of_range(robot.lower, robot.upper, share)
-    q = motion.joint_positions
-    beyond = (np.maximum(lower - q, q - upper) > LIMIT_TOLERANCE).any(axis=1)
-    if share < 1.0 and beyond.any():
-        frames = tuple(np.flatnonzero(beyond).tolist())
-        yield f"a joint is beyond {share:g} of its range in frames {spans(frames)}"
+    falls = np.diff(z, 2) * motion.rate**2 < -_FALLS
+    degrees = math.degrees(most_off)
+    faults = {
+        f"{limb.replace('_', ' ')} is off by more than {degrees:g} deg": by > most_off
+        for limb, by in off.items()
+        if limb != "head"
+    } | {"nothing carries the robot": (ground.lowest > _IN_THE_AIR) & ~falls}
+    for fault, flags in faults.items():
+        frames = np.flatnonzero(without_short(flags, int(_LASTS * motion.rate) + 1))
+        if len(frames):
+            yield f"{fault} in frames {spans(frames)}"
+    for jump in find_jumps(motion):
+        yield f"{jump.what} jumps to frame {jump.frame + 1}"
 
 
 def likeness(

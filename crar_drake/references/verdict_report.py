@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -250,7 +250,7 @@ def _beyond_lines(
     yield from _more(len(beyond))
 
 
-def spans(frames: tuple[int, ...]) -> str:
+def spans(frames: Sequence[int]) -> str:
     """Frames, counted from 1, as "3-7, 12"; the first three stretches."""
     cuts = np.flatnonzero(np.diff(frames) > 1) + 1
     spans = [

@@ -69,16 +69,6 @@ _FAST, _MOST_PARTS = 0.12, 16
 _ROUNDS = 5  # in which meshes are parted
 
 
-def share_of_range(
-    lower: np.ndarray, upper: np.ndarray, share: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Limits (n,) about the middles of those that are given, a share of them apart;
-    what has no limit on a side keeps it as it is."""
-    inset = np.where(np.isfinite(upper - lower), 0.5 * (1.0 - share), 0.0)
-    inset *= np.nan_to_num(upper - lower, posinf=0.0)
-    return lower + inset, upper - inset
-
-
 class Meshes(Protocol):
     """The meshes of P pairs of links, as `references.mesh_rows` has them.
 
@@ -196,7 +186,7 @@ class Keeper:
             every: of each so-many-th frame, the changes of the others lie between.
         """
         y, whole = y.copy(), np.ones(len(y), dtype=bool)
-        self._solve_each(every, problem, y, whole, effort)
+        self._solve_each(every, _within(problem), y, whole, effort)
         return y
 
     def _solve_each(
@@ -258,6 +248,7 @@ class Keeper:
         """
         frames, y = len(y), y.copy()
         q = self._joints(y)
+        problem = _within(problem)
         margins = self.margins(q)
         violating = self._violating(margins) | _below(problem, y, self.floor)
         if also is not None:
@@ -321,7 +312,7 @@ class Keeper:
                 y[first:last] = part.y[part.free]
                 if progress is not None and not attempt:
                     progress(end)
-            y[solved] = np.clip(y[solved], problem.lower, problem.upper)
+            q[solved] = np.clip(q[solved], self.model.lower, self.model.upper)
             margins = self._margins_again(q, state.margins, solved)
             state.margins, violating = margins, self._violating(margins)
             low = margins.distance < self.floor
@@ -499,7 +490,7 @@ def _part(
     if samples is None:
         samples = Samples(np.zeros(0, dtype=int), np.zeros(0), np.zeros(0))
     free = (k >= first) & (k < last)
-    return Part(_within(problem), before, y, free, samples, effort or Effort())
+    return Part(problem, before, y, free, samples, effort or Effort())
 
 
 def _begun_with(problem: Problem) -> int:

@@ -27,7 +27,7 @@ from crar_drake.errors import ModelError
 from crar_drake.law.compilation import compiled
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
-from crar_drake.motion.planted_feet import runs
+from crar_drake.motion.planted_feet import runs, without_short
 from crar_drake.motion.smooth_steps import smooth_flags
 from crar_drake.robot.description import RobotDescription, find_body, find_frame
 from crar_drake.robot.model import ControlModel
@@ -47,8 +47,8 @@ from crar_drake.trajectory.distance_rows import (
     NearRows,
     join_rows,
 )
-from crar_drake.trajectory.keeping import COARSE, Keeper, Meshes, share_of_range
-from crar_drake.trajectory.optimiser import AtFrames, Effort, Problem, Samples
+from crar_drake.trajectory.keeping import COARSE, Keeper, Meshes
+from crar_drake.trajectory.optimiser import AtFrames, Effort, Problem, Samples, spread
 from crar_drake.trajectory.performer_targets import (
     LIMBS,
     PerformerTargets,
@@ -68,6 +68,10 @@ _ABOVE = 4e-4
 # Within this time before and after both stand, legs part by what they are asked to be
 # farther apart [s].
 _PARTING = 0.15
+# Limbs, but the head, that point elsewhere than the person's by more than this [rad]
+# for longer than this [s] went astray: they are solved again from the straight way past
+# it.
+_ASTRAY, _ASTRAY_FOR = np.pi / 4.0, 0.2
 # Feet that slip by more in a contact may stand elsewhere [m], and their steps are held
 # by so much more.
 MOST_SLIP, _HELD_MORE = 2e-3, 5.0
@@ -97,7 +101,6 @@ class RetargetingParameters:
     # turn does [s^2/rad]
     root_acceleration: float = 0.07
     turn_acceleration: float = 0.005
-    limits: float = 1.0  # share of each joint's range, about its middle, that is used
     cutoff: float = 6.0  # of the low-pass of the performer [Hz]
     floor: float = 4e-3  # distance that watched pairs keep at each frame [m],
     floor_between: float = 0.5e-3  # and on the straight way to the next [m]
@@ -224,7 +227,17 @@ class Retargeter:
             problem, about=y, smoothness=self._smoothness(p.change_smoothing, rate)
         )
         y, violating, effort = keeper.keep(problem, y, effort, progress, meshes=meshes)
-        tasks, slip = problem.tasks, problem.tasks.slip(y)
+        tasks, astray = problem.tasks, problem.tasks.astray(y)
+        if astray.any():
+            start = bridged(y, spread(astray, round(_ASTRAY_FOR * rate)))
+            other = replace(problem, about=start)
+            again, still, effort = keeper.keep(
+                other, start, effort, progress, astray, meshes
+            )
+            better = tasks.astray(again).sum() < astray.sum()
+            if better and still.sum() <= violating.sum():
+                y, violating, problem = again, still, other
+        slip = tasks.slip(y)
         if slip > 0.0:
             slipping = tasks.let_slipping_go(y)
             again, still, effort = keeper.keep(
@@ -446,8 +459,7 @@ class Retargeter:
     def _bent_as_a_person(self) -> tuple[np.ndarray, np.ndarray]:
         """(n,) limits of the joints, elbows and knees beyond straight on one side."""
         model = self.model
-        share = self.parameters.limits
-        lower, upper = share_of_range(model.lower, model.upper, share)
+        lower, upper = model.lower.copy(), model.upper.copy()
         # From a straight limb the lower part goes ahead at an elbow, back at a knee.
         for chain, ahead in (
             (("shoulder", "elbow", "wrist"), 1.0),
@@ -507,6 +519,14 @@ class Retargeter:
         if best is None or abs(best[3]) < 0.02:
             return None
         return best[1:]
+
+
+def bridged(y: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """A motion (T, m) that goes straight past some frames (T,), not all."""
+    y, others = y.copy(), np.flatnonzero(~some)
+    for column in y.T:
+        column[some] = np.interp(np.flatnonzero(some), others, column[others])
+    return y
 
 
 class PersonTasks:
@@ -571,6 +591,19 @@ class PersonTasks:
         found._end_weights = np.zeros_like(self._end_weights)
         found._height_weights = np.zeros_like(self._height_weights)
         return found
+
+    def astray(self, y: np.ndarray) -> np.ndarray:
+        """(T,) frames in which limbs went astray.
+
+        Args:
+            y: (T, m) unknowns.
+        """
+        r = self.at(np.arange(len(y)), y).r[:, : 3 * len(self._limb_weights)]
+        off = np.linalg.norm(r.reshape(len(y), -1, 3), axis=2) / self._limb_weights
+        far = off > 2.0 * np.sin(0.5 * _ASTRAY)  # of unit vectors
+        far &= np.array([limb != "head" for limb in self._targets.directions])
+        shortest = int(_ASTRAY_FOR * self._targets.rate) + 1
+        return np.any([without_short(flags, shortest) for flags in far.T], axis=0)
 
     def slip(self, y: np.ndarray) -> float:
         """By how much more than `MOST_SLIP` feet slip, all their contacts together [m].

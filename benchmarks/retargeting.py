@@ -10,8 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.page import Benchmark, Table, run
+from crar_drake.commands.retarget import violations_of
 from crar_drake.errors import MotionError
 from crar_drake.references.retarget_file import RetargetedClip, retarget_file
+from crar_drake.references.retarget_folder import row_of
 from crar_drake.robot.description import whole_body_name
 
 HEADER = [
@@ -19,11 +21,14 @@ HEADER = [
     "length",
     "farthest limb, median / 95 %",
     "knees, left / right, median",
+    "root's acceleration, rms / peak",
+    "of the person's, scaled",
     "slip, planted / until it is high",
     "lowest point",
     "nearest, at frames / between",
     "frames with meshes in penetration",
     "joint and speed limits",
+    "verdict",
     "× real time",
 ]
 
@@ -39,11 +44,17 @@ def row(motion: str, clip: RetargetedClip) -> list[str]:
         f"{(kept.frames - 1) / kept.rate:.1f} s",
         f"{median:.1f}° / {most:.1f}°",
         knees,
+        "{:.1f} / {:.1f} m/s²".format(*clip.root),
+        " / ".join(
+            f"{of / persons:.2f}"
+            for of, persons in zip(clip.root, clip.persons_root, strict=True)
+        ),
         f"{1e3 * clip.slip:.1f} / {1e3 * clip.leaving:.1f} mm",
         f"{1e3 * clip.lowest:.1f} mm",
         f"{1e3 * kept.nearest:.1f} / {1e3 * kept.between:.1f} mm",
         f"{max(kept.meshes_penetrating, 0)} of {kept.frames}",
         "kept" if not beyond else f"{beyond} frames beyond",
+        "; ".join(violations_of(row_of(clip))) or "OK",
         f"{clip.times_real_time:.1f}",
     ]
 

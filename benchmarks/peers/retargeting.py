@@ -55,6 +55,7 @@ HEADER = [
     "lowest point",
     "frames with meshes in penetration",
     "frames with a joint too fast",
+    "root's acceleration, rms",
     "jerk, rms",
     "× real time",
 ]
@@ -65,6 +66,7 @@ ALL_HEADER = [
     "lowest point, median and worst",
     "frames with meshes in penetration",
     "frames with a joint too fast",
+    "root's acceleration, rms, median",
     "jerk, rms, median",
     "× real time, median",
 ]
@@ -103,6 +105,7 @@ class Figures:
         frames: number of frames.
         penetrating: number of those in which meshes penetrate.
         fast: number of those in which a joint is too fast.
+        root: rms of its acceleration [m/s²].
         jerk: rms [rad/s³].
         times_real_time: of one core.
     """
@@ -117,6 +120,7 @@ class Figures:
     frames: int
     penetrating: int
     fast: int
+    root: float
     jerk: float
     times_real_time: float
 
@@ -130,6 +134,7 @@ class Figures:
             f"{1e3 * self.lowest:.1f} mm",
             f"{self.penetrating} of {self.frames}",
             f"{self.fast}",
+            f"{self.root:.1f} m/s²",
             f"{self.jerk:.0f} rad/s³",
             f"{self.times_real_time:.1f}",
         ]
@@ -152,6 +157,7 @@ def row_of_all(found: Sequence[Figures]) -> list[str]:
         f"{1e3 * median('slip'):.0f} mm, {1e3 * max(x.slip for x in found):.0f} mm",
         f"{1e3 * median('lowest'):.1f} mm, {1e3 * min(x.lowest for x in found):.1f} mm",
         *(f"{100.0 * share:.1f} %" for share in shares),
+        f"{median('root'):.1f} m/s²",
         f"{median('jerk'):.0f} rad/s³",
         f"{median('times_real_time'):.1f}",
     ]
@@ -211,7 +217,7 @@ class Comparison:
         motion: RobotMotion,
         times_real_time: float,
     ) -> Figures:
-        limbs, knees = likeness(self._retargeter, targets, motion)
+        limbs, knees, _ = likeness(self._retargeter, targets, motion)
         limbs = {limb: off for limb, off in limbs.items() if "-" in limb}
         verdict = self._judge.judge(motion)
         ground = self._outline.ground_contact(motion, floor=0.0)
@@ -228,6 +234,7 @@ class Comparison:
             frames=motion.num_frames,
             penetrating=len(verdict.penetrating_frames),
             fast=len(fast),
+            root=verdict.root_acceleration[0],
             jerk=verdict.rms_jerk,
             times_real_time=times_real_time,
         )

@@ -16,7 +16,13 @@ from crar_drake.commands.folders import (
     progress_bar,
     report_files,
 )
-from crar_drake.commands.options import UsageError, add_command, add_jobs, positive
+from crar_drake.commands.options import (
+    UsageError,
+    add_command,
+    add_jobs,
+    positive,
+    share,
+)
 from crar_drake.commands.output import OUT, counted, final_line, label
 
 if TYPE_CHECKING:
@@ -72,10 +78,10 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     )
     parser.add_argument(
         "--velocity-scale",
-        type=positive,
+        type=share,
         default=1.0,
         metavar="SHARE",
-        help="share of the robot's speed limits that may be used, at most 1 (default)",
+        help="share of the robot's speed limits that may be used (default: 1)",
     )
     parser.add_argument(
         "--at-most",
@@ -115,21 +121,24 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 
 # Unit of --at-most: metres or radians in it.
 _UNITS = {
-    "joints": {"deg": math.radians(1.0), "rad": 1.0},
+    **{part: {"deg": math.radians(1.0), "rad": 1.0} for part in ("joints", "limbs")},
     **{part: {"mm": 1e-3, "cm": 1e-2, "m": 1.0} for part in ("feet", "hands")},
 }
 
 
-def changes(text: str) -> dict[str, float]:
-    """Converts joints=15deg,feet=20mm: [rad], [m]."""
+def changes(
+    text: str, parts: Sequence[str] = ("joints", "feet", "hands")
+) -> dict[str, float]:
+    """Converts joints=15deg,feet=20mm, of some parts: [rad], [m]."""
     found: dict[str, float] = {}
     for entry in text.split(","):
         part, _, amount = entry.strip().partition("=")
         given = re.fullmatch(r"([\d.eE+-]+) *([a-z]*)", amount)
-        if part not in _UNITS or part in found:
+        if part not in parts or part in found:
+            such = ",".join(f"{x}=15{next(iter(_UNITS[x]))}" for x in parts)
             raise argparse.ArgumentTypeError(
-                f"{entry.strip()!r}: say once each how far joints, feet and hands may "
-                "change, such as joints=15deg,feet=20mm"
+                f"{entry.strip()!r}: say once how far {', '.join(parts)} may be off, "
+                f"such as {such}"
             )
         if given is None or given[2] not in _UNITS[part]:
             units = list(_UNITS[part])

@@ -211,6 +211,14 @@ def positive(text: str) -> float:
     return value
 
 
+def share(text: str) -> float:
+    """Converts a positive number, at most 1."""
+    value = positive(text)
+    if value > 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no share: it is at most 1")
+    return value
+
+
 def count(text: str) -> int:
     """Converts a positive whole number."""
     if not text.isdecimal() or int(text) == 0:

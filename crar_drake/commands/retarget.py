@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crar_drake.commands.clean import clip_lines, violations
+from crar_drake.commands.clean import changes, clip_lines, violations
 from crar_drake.commands.folders import files_bar, frames_bar, report_files
 from crar_drake.commands.options import (
     FILE_OPTIONS,
@@ -20,6 +21,7 @@ from crar_drake.commands.options import (
     add_jobs,
     add_skeleton,
     positive,
+    share,
 )
 from crar_drake.commands.output import OUT, counted, final_line, label
 
@@ -71,6 +73,23 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="HZ",
         help="frames per second to write (default: 30)",
     )
+    parser.add_argument(
+        "--limits",
+        type=share,
+        default=1.0,
+        metavar="SHARE",
+        help="share of each joint's range, about its middle, that may be used "
+        "(default: 1)",
+    )
+    parser.add_argument(
+        "--at-most",
+        type=partial(changes, parts=("limbs",)),
+        default={},
+        metavar="LIMITS",
+        help="how far limbs may be off from the person's for longer than 0.2 s, such "
+        "as limbs=30deg (default: 45deg); a motion with limbs that are farther off is "
+        "written, too, but violates this",
+    )
     add_skeleton(parser)
     add_frame_rate(parser)
     add_file_options(parser)
@@ -91,7 +110,10 @@ def run(arguments: argparse.Namespace) -> int:
         "options": MotionOptions(**{k: v for k, v in given.items() if v}),
         "layout": arguments.layout or "",
         "rate": arguments.rate,
+        "limits": arguments.limits,
     }
+    if arguments.at_most:
+        options["most_off"] = arguments.at_most["limbs"]
     arguments.robot = whole_body_name(arguments.robot)
     if Path(arguments.motion).is_dir():
         return _retarget_folder(arguments, options)
@@ -116,7 +138,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(line)
     print(out)
     print(certificate_path(out))
-    return final_line(_violations_of(row_of(clip)))
+    return final_line(violations_of(row_of(clip)))
 
 
 def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
@@ -150,7 +172,7 @@ def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
             f"median and {most:.1f} deg in 95 % of the frames; planted feet slip by "
             f"{1e3 * max(row.slip for row in rows):.1f} mm"
         )
-    return report_files(files, _violations, _violations_of, out / RETARGETED_TABLE)
+    return report_files(files, _violations, violations_of, out / RETARGETED_TABLE)
 
 
 def _violations(rows: Sequence[RetargetedRow]) -> list[str]:
@@ -158,13 +180,14 @@ def _violations(rows: Sequence[RetargetedRow]) -> list[str]:
     return [
         *violations(rows),
         *counted(sum(row.below for row in rows), "motion", "below the floor"),
+        *counted(sum(bool(row.faults) for row in rows), "motion", "with faults"),
     ]
 
 
-def _violations_of(row: RetargetedRow) -> list[str]:
+def violations_of(row: RetargetedRow) -> list[str]:
     """What a motion violates, with how deep it is."""
     below = [f"{-1e3 * row.lowest:.0f} mm below the floor"] if row.below else []
-    return [*violations([row]), *below]
+    return [*violations([row]), *below, *filter(None, [row.faults])]
 
 
 def _lines(clip: RetargetedClip) -> list[str]:
@@ -186,6 +209,8 @@ def _lines(clip: RetargetedClip) -> list[str]:
         f"knees bend more than the person's by (median, and 95 %): {knees}",
         f"planted feet slip by at most {1e3 * clip.slip:.1f} mm, the lowest point is "
         f"{1e3 * clip.lowest:+z.1f} mm over the floor",
+        "the root accelerates by {:.1f} m/s^2 rms, {:.1f} at most; ".format(*clip.root)
+        + "the person's, scaled, by {:.1f} and {:.1f}".format(*clip.persons_root),
         f"nearest links {1e3 * cleaned.nearest:.1f} mm apart, on ways between frames "
         f"at least {1e3 * cleaned.between:.1f} mm",
     ]

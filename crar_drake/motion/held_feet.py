@@ -19,7 +19,7 @@ Where a contact begins and ends these are blended in and out, twice continuously
 differentiable.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +39,13 @@ from crar_drake.motion.smooth_steps import bridge, smooth_flags, soft_positive
 THRESHOLDS = ContactThresholds(
     height_on=0.025, height_off=0.045, speed_on=0.25, speed_off=0.5
 )
+
+# Who does not fall stands on something: where no foot stands otherwise, one that is as
+# slow, and no higher than this, does. Its recording is off by more.
+_STANDS_HIGH = ContactThresholds(
+    height_on=0.06, height_off=0.09, speed_on=0.25, speed_off=0.5
+)
+_FALLS = 9.81 / 3.0  # [m/s^2] downwards, of the hips of somebody who falls
 
 _SHORTEST = 0.08  # [s] that a contact and a gap last, at least
 _BLEND = 0.12  # [s] before and after a contact
@@ -84,6 +91,7 @@ def find_contacts(
     points: np.ndarray,
     floor: float,
     rate: float,
+    thresholds: ContactThresholds = THRESHOLDS,
 ) -> np.ndarray:
     """(T, P) whether each point of a foot is on the floor.
 
@@ -93,13 +101,14 @@ def find_contacts(
         points: (P, 3) p_F of heel and ball [m].
         floor: height of the floor [m].
         rate: samples per second [Hz].
+        thresholds: of a point that stands.
     """
     shortest = max(1, round(_SHORTEST * rate))
     found = []
     for point in points:
         p = positions + turns.apply(point)
         speed = np.linalg.norm(np.gradient(p, axis=0), axis=1) * rate
-        flags = standing(p[:, 2] - floor, speed, THRESHOLDS)
+        flags = standing(p[:, 2] - floor, speed, thresholds)
         found.append(without_short(flags, shortest))
     contacts = np.array(found).T
     for start, end in runs(~contacts.any(axis=1)):
@@ -109,6 +118,34 @@ def find_contacts(
     return contacts
 
 
+def find_contacts_of_feet(
+    ankles: Mapping[str, np.ndarray],
+    turns: Mapping[str, Rotation],
+    points: Mapping[str, np.ndarray],
+    floor: float,
+    rate: float,
+    hips: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Side to (T, P) whether each point of a foot is on the floor; at least one is as
+    long as the hips do not fall, if any may be.
+
+    Args:
+        ankles, turns, points, floor, rate: of each foot, as of `find_contacts`.
+        hips: (T,) their height [m].
+    """
+    arguments = {s: (ankles[s], turns[s], points[s], floor, rate) for s in ankles}
+    found = {side: find_contacts(*of) for side, of in arguments.items()}
+    rises = np.gradient(np.gradient(hips)) * rate**2
+    alone = rises > -_FALLS
+    alone &= ~np.any([contacts.any(axis=1) for contacts in found.values()], axis=0)
+    shortest = max(1, round(_SHORTEST * rate))
+    for side, of in arguments.items():
+        high = find_contacts(*of, _STANDS_HIGH) & alone[:, None]
+        both = (found[side] | high).T
+        found[side] = np.array([without_short(flags, shortest) for flags in both]).T
+    return found
+
+
 def hold_foot(
     positions: np.ndarray,
     turns: Rotation,
@@ -116,6 +153,7 @@ def hold_foot(
     ball: np.ndarray,
     points: np.ndarray,
     rate: float,
+    contacts: np.ndarray | None = None,
 ) -> FootMotion:
     """A foot that stands where it stands, on the floor z = 0.
 
@@ -125,8 +163,10 @@ def hold_foot(
         heel, ball: (3,) p_F of these points, from the foot's frame [m].
         points: (V, 3) p_F of the foot's surface [m].
         rate: samples per second [Hz].
+        contacts: (T, 2) whether heel and ball are on the floor; by default found.
     """
-    contacts = find_contacts(positions, turns, np.array([heel, ball]), 0.0, rate)
+    if contacts is None:
+        contacts = find_contacts(positions, turns, np.array([heel, ball]), 0.0, rate)
     on_heel, on_ball = contacts.T
     steepest = [np.arctan2(abs(point[0]), -point[2]) for point in (heel, ball)]
     turns = _levelled(turns, on_heel, on_ball, steepest, max(1, round(_BLEND * rate)))

@@ -20,6 +20,7 @@ from crar_drake.references.smoothness import (
     Jump,
     find_jumps,
     joint_jerks,
+    root_acceleration,
     step_speeds,
 )
 from crar_drake.references.whole_body import WholeBody
@@ -101,6 +102,7 @@ class ReferenceVerdict:
     floor: float  # height of the feet when they are lowest [m]
     feet: tuple[FootSlip, ...]  # what each does on the floor
     jumps: tuple[Jump, ...]  # in the order of their frames
+    root_acceleration: tuple[float, float]  # rms and largest [m/s^2]
     rms_jerk: float  # of all joints [rad/s^3]
     peak_jerk: float  # the largest of any joint [rad/s^3]
     peak_jerk_joint: str  # where it is
@@ -220,6 +222,7 @@ class ReferenceJudge:
             floor=ground.floor,
             feet=ground.feet,
             jumps=find_jumps(motion),
+            root_acceleration=root_acceleration(motion.root_positions, motion.rate),
             rms_jerk=float(np.sqrt(np.mean(jerks**2))) if jerks.size else 0.0,
             peak_jerk=float(np.abs(jerks).max(initial=0.0)),
             peak_jerk_joint=names[peak],

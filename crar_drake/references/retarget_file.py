@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,17 +18,20 @@ from crar_drake.files import check_file
 from crar_drake.motion.catalogue import load_performer, motion_files
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import SIDES
+from crar_drake.motion.planted_feet import without_short
 from crar_drake.motion.quaternion_spline import sign_continuous
 from crar_drake.motion.rates import check_rate
 from crar_drake.motion.report import inspect
 from crar_drake.references.certificate_files import check_certificate_place, file_hash
 from crar_drake.references.clean_file import CleanedClip, MotionCleaner
 from crar_drake.references.cleaning import CleaningParameters
-from crar_drake.references.ground_contact import Outline
+from crar_drake.references.ground_contact import GroundContact, Outline
 from crar_drake.references.layouts import layout_named, layouts_of
 from crar_drake.references.mesh_rows import MeshRows
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.smoothness import find_jumps, root_acceleration
+from crar_drake.references.verdict_report import spans
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory.performer_targets import LIMBS, PerformerTargets
@@ -40,6 +44,11 @@ from crar_drake.trajectory.retargeting import (
 _LAYOUTS = {".csv": "xyzw-csv", ".npz": "mjlab-npz", ".pkl": "gmr-pkl"}
 RATE = 30.0  # [Hz] that most reference motions have
 CLEANING = CleaningParameters()  # of what was retargeted
+# What is wrong for longer than this is a fault [s].
+_LASTS = 0.2
+# Nothing carries a robot that is so high [m] while its root falls by less than this
+# [m/s^2].
+_IN_THE_AIR, _FALLS = 0.03, 9.81 / 3.0
 # Deeper than this below the floor is a violation, as `crar-drake judge` has it [m].
 MOST_BELOW = 0.01
 
@@ -64,6 +73,12 @@ class RetargetedClip:
     # a foot for planted until it is 30 mm high, or fast [m]
     leaving: float
     lowest: float  # the lowest point of all links, over the floor [m]
+    # of the root rms and largest, and of the person's, scaled [m/s^2]
+    root: tuple[float, float]
+    persons_root: tuple[float, float]
+    # what went wrong, with the frames: limbs that point elsewhere than the person's,
+    # frames that nothing carries, and jumps
+    faults: tuple[str, ...]
     seconds: float  # of a processor, from the file to the certified motion [s]
 
     @property
@@ -98,6 +113,10 @@ class RetargetOptions:
     rate: float = RATE  # frames per second to be written [Hz]
     # what is wanted
     parameters: RetargetingParameters = field(default_factory=RetargetingParameters)
+    limits: float = 1.0  # share of joints' ranges, as `RobotDescription.range_share`
+    # limbs that are off by more for longer than 0.2 s are a fault [rad]; the head is
+    # none of them
+    most_off: float = np.pi / 4.0
 
     def __post_init__(self) -> None:
         check_rate(self.rate)
@@ -115,6 +134,8 @@ class RetargetOptions:
             "read with": {path.name: file_hash(path) for path in besides},
             "layout": self.layout,
             "rate": self.rate,
+            "limits": self.limits,
+            "most off": self.most_off,
         }
 
 
@@ -165,6 +186,7 @@ class FileRetargeter:
         """
         self._options = options
         description = load_robot_description(robot).without_ground()
+        description = replace(description, range_share=options.limits)
         self._robot = WholeBody(description)
         self.retargeter = Retargeter(
             description, options.parameters, self._robot.outlines
@@ -217,7 +239,8 @@ class FileRetargeter:
         given = None if layout_named(layout).has_rate else rate
         written = read_motion(out, layout, given, robot=robot)
         ground = self._outline.ground_contact(written, floor=0.0)
-        limbs, knees = likeness(retargeter, found.targets, written)
+        limbs, knees, off = likeness(retargeter, found.targets, written)
+        faults = find_faults(off, options.most_off, written, ground)
         planted = {
             f"{side}_foot": foot.on_heel | foot.on_ball
             for side, foot in found.targets.feet.items()
@@ -229,6 +252,9 @@ class FileRetargeter:
             self._outline.slip_of_planted(written, planted),
             max((foot.worst for foot in ground.feet), default=0.0),
             float(ground.lowest.min()),
+            root_acceleration(written.root_positions, rate),
+            root_acceleration(found.targets.root_positions, rate),
+            tuple(faults),
             seconds,
         )
 
@@ -255,10 +281,45 @@ def _check_place(out: Path) -> None:
     check_certificate_place(out)
 
 
+def find_faults(
+    off: dict[str, np.ndarray],
+    most_off: float,
+    motion: RobotMotion,
+    ground: GroundContact,
+) -> Iterator[str]:
+    """`faults` of a `RetargetedClip`.
+
+    Args:
+        off: limb to (T,) how far it is off [rad].
+        most_off: as of `RetargetOptions`.
+        motion: the robot's.
+        ground: its contact with the floor.
+    """
+    z = np.pad(motion.root_positions[:, 2], 1, mode="reflect", reflect_type="odd")
+    falls = np.diff(z, 2) * motion.rate**2 < -_FALLS
+    degrees = math.degrees(most_off)
+    faults = {
+        f"{limb.replace('_', ' ')} is off by more than {degrees:g} deg": by > most_off
+        for limb, by in off.items()
+        if limb != "head"
+    } | {"nothing carries the robot": (ground.lowest > _IN_THE_AIR) & ~falls}
+    for fault, flags in faults.items():
+        frames = np.flatnonzero(without_short(flags, int(_LASTS * motion.rate) + 1))
+        if len(frames):
+            yield f"{fault} in frames {spans(frames)}"
+    for jump in find_jumps(motion):
+        yield f"{jump.what} jumps to frame {jump.frame + 1}"
+
+
 def likeness(
     retargeter: Retargeter, targets: PerformerTargets, motion: RobotMotion
-) -> tuple[dict[str, tuple[float, float]], dict[str, tuple[float, float]]]:
-    """How like the person a robot moves: `limbs` and `knees` of a `RetargetedClip`.
+) -> tuple[
+    dict[str, tuple[float, float]],
+    dict[str, tuple[float, float]],
+    dict[str, np.ndarray],
+]:
+    """How like the person a robot moves: `limbs` and `knees` of a `RetargetedClip`, and
+    limb to (T,) how far it is off [rad].
 
     Args:
         retargeter: of the robot.
@@ -279,17 +340,18 @@ def likeness(
             strict=True,
         )
     )
-    limbs = {}
-    for limb, wanted in targets.directions.items():
-        off = _angles(ways[limb], wanted)
-        limbs[limb] = float(np.median(off)), float(np.quantile(off, 0.95))
+    off = {limb: _angles(ways[limb], way) for limb, way in targets.directions.items()}
+    limbs = {
+        limb: (float(np.median(by)), float(np.quantile(by, 0.95)))
+        for limb, by in off.items()
+    }
     knees = {}
     for side in SIDES:
         pair = f"{side}_hip-knee", f"{side}_knee-ankle"
         bend = _angles(*(ways[limb] for limb in pair))
         more = bend - _angles(*(targets.directions[limb] for limb in pair))
         knees[side] = float(np.median(more)), float(np.quantile(np.abs(more), 0.95))
-    return limbs, knees
+    return limbs, knees, off
 
 
 def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:

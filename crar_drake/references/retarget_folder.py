@@ -44,6 +44,8 @@ FIGURES = (
     Figure("right knee [deg]", lambda r: degrees(r.right_knee), 1),
     Figure("feet slip [mm]", lambda r: 1e3 * r.slip, 1),
     Figure("lowest point [mm]", lambda r: 1e3 * r.lowest, 1),
+    Figure("root accelerates, rms [m/s²]", lambda r: r.root, 1),
+    Figure("the person's [m/s²]", lambda r: r.persons_root, 1),
     *LEFT,
 )
 
@@ -64,7 +66,12 @@ class RetargetedRow(CleanedClip):
     right_knee: float  # and how much the right one [rad]
     slip: float  # the longest way that a planted foot slips [m]
     lowest: float  # the lowest point of all links, over the floor [m]
+    root: float  # how it accelerates, rms [m/s^2],
+    root_peak: float  # and at most [m/s^2]
+    persons_root: float  # and the person's, scaled, rms [m/s^2]
+    persons_root_peak: float  # and at most [m/s^2]
     farthest: str  # that limb
+    faults: str  # what went wrong, with the frames; "" if nothing did
 
     @property
     def below(self) -> bool:
@@ -73,8 +80,9 @@ class RetargetedRow(CleanedClip):
 
     @property
     def violated(self) -> bool:
-        """Whether anything is, as of what was cleaned, or it is below the floor."""
-        return super().violated or self.below
+        """Whether anything is, as of what was cleaned, it is below the floor, or
+        anything went wrong."""
+        return super().violated or self.below or bool(self.faults)
 
 
 def find_people(folder: Path) -> list[Path]:
@@ -139,7 +147,7 @@ def retarget_folder(
         },
         begin=partial(_RowOfFile, robot, given),
         figures=FIGURES,
-        note=lambda row: row.deepest or f"farthest off: {row.farthest}",
+        note=lambda row: row.deepest or row.faults or f"farthest off: {row.farthest}",
         robot=robot,
         parameters=asdict(CLEANING),
         options=given.certified,
@@ -171,5 +179,10 @@ def row_of(clip: RetargetedClip) -> RetargetedRow:
         right_knee=clip.knees["right"][0],
         slip=clip.slip,
         lowest=clip.lowest,
+        root=clip.root[0],
+        root_peak=clip.root[1],
+        persons_root=clip.persons_root[0],
+        persons_root_peak=clip.persons_root[1],
         farthest=clip.farthest,
+        faults="; ".join(clip.faults),
     )

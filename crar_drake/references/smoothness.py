@@ -1,4 +1,4 @@
-"""Speeds, jerk and jumps of a motion's samples."""
+"""Speeds, accelerations, jerk and jumps of a motion's samples."""
 
 from __future__ import annotations
 
@@ -43,6 +43,15 @@ def step_speeds(motion: RobotMotion) -> np.ndarray:
 def joint_jerks(motion: RobotMotion) -> np.ndarray:
     """(T - 3, n) third differences over the third power of the step [rad/s^3]."""
     return np.diff(motion.joint_positions, 3, axis=0) * motion.rate**3
+
+
+def root_acceleration(positions: np.ndarray, rate: float) -> tuple[float, float]:
+    """Root mean square and largest size of the second differences of (T, 3) positions
+    over the square of the step [m/s^2]; 0 of fewer than three."""
+    if len(positions) < 3:
+        return 0.0, 0.0
+    sizes = np.linalg.norm(np.diff(positions, 2, axis=0), axis=1) * rate**2
+    return float(np.sqrt(np.mean(sizes**2))), float(sizes.max())
 
 
 def find_jumps(motion: RobotMotion) -> tuple[Jump, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -28,6 +28,7 @@ HEADER = (
     "ground",
     "jumps",
     "slip",
+    "root, m/s²",
     "verdict",
 )
 
@@ -54,6 +55,7 @@ def verdict_row(verdict: ReferenceVerdict) -> tuple[str, ...]:
         _millimetres(verdict.lowest.min()),
         str(len(verdict.jumps)),
         "-" if np.isnan(slip) else _millimetres(slip),
+        "{:.1f} / {:.1f}".format(*verdict.root_acceleration),
         "; ".join(verdict.violations) or "clean",
     )
 
@@ -106,6 +108,8 @@ def verdict_lines(verdict: ReferenceVerdict) -> Iterator[str]:
         yield text
     if not verdict.feet:
         yield "  feet: the robot has no frames left_foot and right_foot"
+    rms, peak = verdict.root_acceleration
+    yield f"  root: accelerates by rms {rms:.1f}, peak {peak:.1f} m/s²"
     yield (
         f"  jerk: rms {verdict.rms_jerk:.0f}, peak {verdict.peak_jerk:.0f} rad/s³ "
         f"({verdict.peak_jerk_joint})"
@@ -160,6 +164,9 @@ def verdict_data(verdict: ReferenceVerdict) -> dict:
             {"what": j.what, "frame": j.frame, "size": j.size, "unit": j.unit}
             for j in verdict.jumps
         ],
+        "root_acceleration": dict(
+            zip(("rms", "peak"), verdict.root_acceleration, strict=True)
+        ),
         "jerk": {
             "rms": verdict.rms_jerk,
             "peak": verdict.peak_jerk,
@@ -222,7 +229,7 @@ def _pair_lines(pairs: tuple[PairFrames, ...], rate: float) -> Iterator[str]:
     for pair in pairs[:_MOST]:
         yield (
             f"    {pair.pair[0]} - {pair.pair[1]}: {plural(len(pair.frames), 'frame')} "
-            f"({_spans(pair.frames)}), deepest {1e3 * pair.depth:.1f} mm at "
+            f"({spans(pair.frames)}), deepest {1e3 * pair.depth:.1f} mm at "
             f"{pair.frame / rate:.2f} s"
         )
     yield from _more(len(pairs))
@@ -237,13 +244,13 @@ def _beyond_lines(
     for joint in beyond[:_MOST]:
         yield (
             f"    {joint.joint}: {plural(len(joint.frames), 'frame')} "
-            f"({_spans(joint.frames)}), by up to {joint.excess:.3g} {unit} at "
+            f"({spans(joint.frames)}), by up to {joint.excess:.3g} {unit} at "
             f"{joint.frame / rate:.2f} s"
         )
     yield from _more(len(beyond))
 
 
-def _spans(frames: tuple[int, ...]) -> str:
+def spans(frames: Sequence[int]) -> str:
     """Frames, counted from 1, as "3-7, 12"; the first three stretches."""
     cuts = np.flatnonzero(np.diff(frames) > 1) + 1
     spans = [

@@ -93,6 +93,7 @@ class RobotDescription:
         rest_posture: joint to position [rad or m]; those not named are at 0.
         velocity_limits: joint to its largest speed [rad/s or m/s], instead of that of
             the model; infinite for none.
+        range_share: share of each joint's range, about its middle, that may be used.
         soles: link to the (V, 3) corners of its flat sole, in the link's frame [m].
         folder: where `model` lies; filled in by `load_robot_description`.
     """
@@ -109,6 +110,7 @@ class RobotDescription:
     environment: dict[str, Fixture] = field(default_factory=dict)
     rest_posture: dict[str, float] = field(default_factory=dict)
     velocity_limits: dict[str, float] = field(default_factory=dict)
+    range_share: float = 1.0
     soles: dict[str, list[list[float]]] = field(default_factory=dict)
     folder: str = ""
 
@@ -126,6 +128,11 @@ class RobotDescription:
             raise ModelError(
                 f"robot {self.name}: root: {self.root!r} needs the name of the link "
                 "that floats; give it as base"
+            )
+        if not 0.0 < self.range_share <= 1.0:
+            raise ModelError(
+                f"robot {self.name}: range_share: {self.range_share} is no share; it "
+                "is more than 0 and at most 1"
             )
         for name in ("xyz", "rpy"):
             value = getattr(self.root_pose, name)
@@ -374,6 +381,11 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
         model_parser(plant, description).AddModels(str(model))
     except RuntimeError as error:
         raise ModelError(f"{model}: {error}") from error
+    for joint in map(plant.get_joint, plant.GetJointIndices()):
+        lower, upper = joint.position_lower_limits(), joint.position_upper_limits()
+        if np.isfinite(upper - lower).all():
+            inset = 0.5 * (1.0 - description.range_share) * (upper - lower)
+            joint.set_position_limits(lower + inset, upper - inset)
     place_robot(plant, description, description.rest_pose())
 
 

@@ -54,7 +54,8 @@ _SHARE_OF_SPEED = 0.998
 _AROUND, _AROUND_AGAIN = 0.5, 0.3
 # Frames of a part of a long window, and how long it is solved beyond its end [s].
 _PART, _OVERLAP = 300, 0.7
-_COARSE = (8, 1)  # a motion is found of each so-many-th frame first
+# A motion is found of each so-many-th frame first.
+COARSE = 8
 _HELD = 2  # frames beside a part that what is minimised in it has to do with
 _TRIES = 8
 _LACKS = 1e-4  # a row that is not of a distance lacks less [m]
@@ -175,17 +176,17 @@ class Keeper:
         return rows._replace(d=rows.d - asked[rows.sample] - self.room[rows.row])
 
     def found_without_rows(
-        self, problem: Problem, y: np.ndarray, effort: Effort
+        self, problem: Problem, y: np.ndarray, effort: Effort, every: int = 1
     ) -> np.ndarray:
         """The motion (T, m) at its minimum without rows of distances.
 
         Args:
             problem, y: as of `keep`.
             effort: is added to.
+            every: of each so-many-th frame, the changes of the others lie between.
         """
-        y, problem = y.copy(), _within(problem)
-        for every in _COARSE:
-            self._solve_each(every, problem, y, np.ones(len(y), dtype=bool), effort)
+        y, whole = y.copy(), np.ones(len(y), dtype=bool)
+        self._solve_each(every, _within(problem), y, whole, effort)
         return y
 
     def _solve_each(

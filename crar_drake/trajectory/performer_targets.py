@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import low_pass, unit_vectors
 from crar_drake.motion.hand_orientations import hand_orientations
-from crar_drake.motion.held_feet import hold_foot
+from crar_drake.motion.held_feet import find_contacts_of_feet, hold_foot
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
 from crar_drake.motion.performer_legs import (
@@ -123,6 +123,8 @@ def performer_targets(
         ankles[side] = root + R_W.apply(legs[side].hip) + scales[side] * leg
     floor = floor_height(ankles, turns, legs, own)
     root[:, 2] -= floor
+    ends = {side: np.array([leg.heel, leg.ball]) for side, leg in legs.items()}
+    contacts = find_contacts_of_feet(ankles, turns, ends, floor, own, middle[:, 2])
     times = np.arange(0.0, performer.duration + 1e-9, 1.0 / rate)
     frames = np.clip(np.round(times * own).astype(int), 0, len(root) - 1)
 
@@ -142,7 +144,8 @@ def performer_targets(
     feet = {}
     for side, leg in legs.items():
         ankle = ankles[side] - [0.0, 0.0, floor]
-        held = hold_foot(ankle, turns[side], leg.heel, leg.ball, leg.points, own)
+        sole = leg.heel, leg.ball, leg.points
+        held = hold_foot(ankle, turns[side], *sole, own, contacts[side])
         turn = Rotation.from_quat(held.turns)
         points = [leg.heel, leg.ball, *soles[side]]
         heel, ball, *corners = (at(held.positions + turn.apply(p)) for p in points)

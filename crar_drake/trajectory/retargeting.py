@@ -17,6 +17,7 @@ solved again as a whole, and may be elsewhere. The motion that is found is clean
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +27,7 @@ from crar_drake.errors import ModelError
 from crar_drake.law.compilation import compiled
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
-from crar_drake.motion.planted_feet import runs
+from crar_drake.motion.planted_feet import runs, without_short
 from crar_drake.motion.smooth_steps import smooth_flags
 from crar_drake.robot.description import RobotDescription, find_body, find_frame
 from crar_drake.robot.model import ControlModel
@@ -46,8 +47,8 @@ from crar_drake.trajectory.distance_rows import (
     NearRows,
     join_rows,
 )
-from crar_drake.trajectory.keeping import Keeper, Meshes
-from crar_drake.trajectory.optimiser import AtFrames, Effort, Problem, Samples
+from crar_drake.trajectory.keeping import COARSE, Keeper, Meshes
+from crar_drake.trajectory.optimiser import AtFrames, Effort, Problem, Samples, spread
 from crar_drake.trajectory.performer_targets import (
     LIMBS,
     PerformerTargets,
@@ -59,14 +60,18 @@ _SOLE = 0.01
 # Directions in which a link's farthest point is one that can be the lowest.
 _OF_FEET, _OF_LINKS = 512, 64
 
-# So high the ends of a foot are in the air; nearer to the floor they count more, since
-# they would slip else [m].
-_LOW = 0.08
+# The ends of a foot count more, since they would slip else, the lower they are than
+# this [m], if they are slower than this [m/s] or the foot stands within this time [s].
+_LOW, _SLOW, _SOON = 0.08, 0.5, 0.2
 # Soles that stand are wanted so high, for nothing to be below the floor [m].
 _ABOVE = 4e-4
 # Within this time before and after both stand, legs part by what they are asked to be
 # farther apart [s].
 _PARTING = 0.15
+# Limbs, but the head, that point elsewhere than the person's by more than this [rad]
+# for longer than this [s] went astray: they are solved again from the straight way past
+# it.
+_ASTRAY, _ASTRAY_FOR = np.pi / 4.0, 0.2
 # Feet that slip by more in a contact may stand elsewhere [m], and their steps are held
 # by so much more.
 MOST_SLIP, _HELD_MORE = 2e-3, 5.0
@@ -83,15 +88,19 @@ class RetargetingParameters:
     root: float = 1.0  # of the root's place on the floor [1/m]
     root_height: float = 0.3  # of its height [1/m]
     turn: float = 1.0  # of how the root is turned [1/rad]
-    foot: float = 5.0  # of heels and balls on the floor plane, in the air [1/m],
+    foot: float = 1.5  # of heels and balls on the floor plane, in the air [1/m],
     planted: float = 60.0  # and standing [1/m]
-    foot_height: float = 10.0  # of the heights of the soles' corners, in the air [1/m],
+    foot_height: float = 2.0  # of the heights of the soles' corners, in the air [1/m],
     planted_height: float = 100.0  # and standing [1/m]
     standing: float = 2e3  # of the steps of what stands, from a frame to the next [1/m]
     hand: float = 0.4  # of how the hands are turned, by their axes [1]
     posture: float = 0.03  # of the rest posture [1/rad]
-    smoothing: float = 0.02  # motions that come and go within this time cost more [s],
+    smoothing: float = 0.03  # motions that come and go within this time cost more [s],
     change_smoothing: float = 0.08  # as do changes by which constraints are kept [s]
+    # of how much else than the person's, scaled, the root accelerates [s^2/m], and its
+    # turn does [s^2/rad]
+    root_acceleration: float = 0.07
+    turn_acceleration: float = 0.005
     cutoff: float = 6.0  # of the low-pass of the performer [Hz]
     floor: float = 4e-3  # distance that watched pairs keep at each frame [m],
     floor_between: float = 0.5e-3  # and on the straight way to the next [m]
@@ -210,11 +219,25 @@ class Retargeter:
         keeper = self._keeper_of(rate)
         problem = self._problem(targets, keeper, y)
         effort = Effort()
-        y = keeper.found_without_rows(problem, y, effort)
-        stiff = np.full(ROOT + n, (p.change_smoothing * rate) ** 2)
-        problem = replace(problem, about=y, smoothness=stiff)
+        # Feet pull a leg that points elsewhere to where it cannot turn back from.
+        limbs = replace(problem, tasks=problem.tasks.without_feet())
+        for each, every in ((limbs, COARSE), (problem, COARSE), (problem, 1)):
+            y = keeper.found_without_rows(each, y, effort, every)
+        problem = replace(
+            problem, about=y, smoothness=self._smoothness(p.change_smoothing, rate)
+        )
         y, violating, effort = keeper.keep(problem, y, effort, progress, meshes=meshes)
-        tasks, slip = problem.tasks, problem.tasks.slip(y)
+        tasks, astray = problem.tasks, problem.tasks.astray(y)
+        if astray.any():
+            start = bridged(y, spread(astray, round(_ASTRAY_FOR * rate)))
+            other = replace(problem, about=start)
+            again, still, effort = keeper.keep(
+                other, start, effort, progress, astray, meshes
+            )
+            better = tasks.astray(again).sum() < astray.sum()
+            if better and still.sum() <= violating.sum():
+                y, violating, problem = again, still, other
+        slip = tasks.slip(y)
         if slip > 0.0:
             slipping = tasks.let_slipping_go(y)
             again, still, effort = keeper.keep(
@@ -305,13 +328,20 @@ class Retargeter:
             posture=y.copy(),
             posture_weight=weight,
             about=np.zeros_like(y),
-            smoothness=np.full(ROOT + n, (p.smoothing * rate) ** 2),
+            smoothness=self._smoothness(p.smoothing, rate),
             lower=np.concatenate([-nowhere, self._lower]),
             upper=np.concatenate([nowhere, self._upper]),
             fastest=np.concatenate([nowhere, fastest]),
             near_rows=NearRowsAndFloor(self, targets, keeper),
             num_rows=keeper.num_rows + len(self.floor_points[0]),
         )
+
+    def _smoothness(self, time: float, rate: float) -> np.ndarray:
+        """(m,) weights of second differences, of joints by a time [s]."""
+        p = self.parameters
+        of_root = np.repeat([p.root_acceleration, p.turn_acceleration], 3)
+        joints = np.full(self.model.n, time**2)
+        return rate**2 * np.concatenate([of_root, joints])
 
     def _keeper_of(self, rate: float) -> Keeper:
         """Making one takes a tenth of a second: the last one is kept."""
@@ -491,12 +521,20 @@ class Retargeter:
         return best[1:]
 
 
+def bridged(y: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """A motion (T, m) that goes straight past some frames (T,), not all."""
+    y, others = y.copy(), np.flatnonzero(~some)
+    for column in y.T:
+        column[some] = np.interp(np.flatnonzero(some), others, column[others])
+    return y
+
+
 class PersonTasks:
     """What a performer asks for, as residuals; see the module."""
 
     def __init__(self, robot: Retargeter, targets: PerformerTargets) -> None:
         self._robot, self._targets = robot, targets
-        p = robot.parameters
+        p, rate = robot.parameters, targets.rate
         limbs = list(targets.directions)
         ends = [LIMBS[limb][1] for limb in limbs]
         self._limb_weights = np.array(
@@ -514,7 +552,12 @@ class PersonTasks:
         on = np.stack([x for f in feet for x in (f.on_heel, f.on_ball)], axis=1)
         heights = np.stack([f.heights for f in feet], axis=1)  # (T, 2, 4)
         self._heights = heights.reshape(len(on), -1) + _ABOVE
-        near = np.where(on, 1.0, np.clip(1.0 - self._ends[..., 2] / _LOW, 0.0, 1.0))
+        on_it = [smooth_flags(f.on_heel | f.on_ball, round(_SOON * rate)) for f in feet]
+        steps = np.diff(self._ends, axis=0, prepend=self._ends[:1])
+        slow = 1.0 - rate * np.linalg.norm(steps, axis=2) / _SLOW
+        low = np.clip(1.0 - self._ends[..., 2] / _LOW, 0.0, 1.0)
+        near = low * np.clip(slow, np.repeat(on_it, 2, axis=0).T, 1.0)
+        near = np.where(on, 1.0, near)
         weights = p.foot + near * (p.planted - p.foot)
         self._end_weights = np.repeat(weights, 2, axis=1)
         weights = p.foot_height + near * (p.planted_height - p.foot_height)
@@ -541,6 +584,26 @@ class PersonTasks:
             X_BF = frame.GetFixedPoseInBodyFrame()
             self._hand_turns[number] = X_BF.rotation().matrix()
             self._hand_rotations[:, number] = targets.hands[hand]
+
+    def without_feet(self) -> PersonTasks:
+        """Limbs, root and hands alone."""
+        found = copy(self)
+        found._end_weights = np.zeros_like(self._end_weights)
+        found._height_weights = np.zeros_like(self._height_weights)
+        return found
+
+    def astray(self, y: np.ndarray) -> np.ndarray:
+        """(T,) frames in which limbs went astray.
+
+        Args:
+            y: (T, m) unknowns.
+        """
+        r = self.at(np.arange(len(y)), y).r[:, : 3 * len(self._limb_weights)]
+        off = np.linalg.norm(r.reshape(len(y), -1, 3), axis=2) / self._limb_weights
+        far = off > 2.0 * np.sin(0.5 * _ASTRAY)  # of unit vectors
+        far &= np.array([limb != "head" for limb in self._targets.directions])
+        shortest = int(_ASTRAY_FOR * self._targets.rate) + 1
+        return np.any([without_short(flags, shortest) for flags in far.T], axis=0)
 
     def slip(self, y: np.ndarray) -> float:
         """By how much more than `MOST_SLIP` feet slip, all their contacts together [m].

@@ -10,7 +10,8 @@ def made(slip: float, lowest: float, penetrating: int, frames: int) -> Figures:
     return Figures(
         motion="walk", by="mink", limb=degrees[0], limb_95=degrees[1],
         knees=(degrees[2],), slip=slip, lowest=lowest, frames=frames,
-        penetrating=penetrating, fast=frames // 10, jerk=500.0, times_real_time=2.0,
+        penetrating=penetrating, fast=frames // 10, root=2.0, jerk=500.0,
+        times_real_time=2.0,
     )  # fmt: skip
 
 
@@ -28,6 +29,7 @@ def test_all_motions_have_medians_the_worst_and_shares_of_all_frames():
         "lowest point, median and worst": "-1.0 mm, -20.0 mm",
         "frames with meshes in penetration": "14.3 %",
         "frames with a joint too fast": "10.0 %",
+        "root's acceleration, rms, median": "2.0 m/s²",
         "jerk, rms, median": "500 rad/s³",
         "× real time, median": "2.0",
     }

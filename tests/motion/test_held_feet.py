@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.motion.held_feet import (
     dwelling,
     find_contacts,
+    find_contacts_of_feet,
     hold_foot,
     twist,
 )
@@ -156,6 +157,27 @@ def test_from_its_heel_on_its_ball_a_foot_goes_by_the_floor():
     p[:, 2] += np.where(np.abs(time - 0.45) < 0.08, 0.04, 0.0)
     found = find_contacts(p, turns, points, 0.0, RATE)
     assert not found.any(axis=1).all()
+
+
+@pytest.mark.parametrize("falls", [False, True])
+def test_who_does_not_fall_stands_on_a_foot(falls):
+    """One foot at rest 5 cm too high, the other one in the air: it stands, unless the
+    hips fall; and not if it is as high as a stool."""
+    t = np.arange(120) / RATE
+    hips = 0.8 - 0.5 * 9.81 * t**2 * falls
+
+    def found(height: float) -> dict[str, np.ndarray]:
+        ankles = {
+            side: np.tile([0.0, y, z - HEEL[2]], (120, 1))
+            for side, y, z in (("left", 0.1, height), ("right", -0.1, 0.3))
+        }
+        turns = dict.fromkeys(ankles, Rotation.identity(120))
+        points = dict.fromkeys(ankles, np.array([HEEL, BALL]))
+        return find_contacts_of_feet(ankles, turns, points, 0.0, RATE, hips)
+
+    contacts = found(0.05)
+    assert contacts["left"].all() != falls and contacts["left"].any() != falls
+    assert not contacts["right"].any() and not found(0.2)["left"].any()
 
 
 def test_a_twist_is_the_turn_about_the_vertical():

@@ -158,6 +158,19 @@ def test_jerk_of_a_cubic(judge: ReferenceJudge):
     assert verdict.rms_jerk == pytest.approx(42.0 / np.sqrt(5.0))
 
 
+def test_how_the_root_accelerates(judge: ReferenceJudge):
+    """Of a throw: as things fall; of a stop at one frame: by all its speed."""
+    t = np.arange(21) / 50.0
+    thrown = motion(np.zeros((21, 5)), rate=50.0)
+    thrown.root_positions[:, 0] += 2.0 * t
+    thrown.root_positions[:, 2] += 3.0 * t - 0.5 * 9.81 * t**2
+    assert judge.judge(thrown).root_acceleration == pytest.approx((9.81, 9.81))
+    stopped = motion(np.zeros((21, 5)), rate=50.0)
+    stopped.root_positions[:, 1] += 2.0 * np.minimum(t, t[10])
+    rms, peak = judge.judge(stopped).root_acceleration
+    assert peak == pytest.approx(100.0) and rms == pytest.approx(100.0 / np.sqrt(19.0))
+
+
 # --- meshes -----------------------------------------------------------------------
 
 CUBE = "".join(

@@ -6,7 +6,6 @@ import argparse
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -215,7 +214,7 @@ def run(arguments: argparse.Namespace) -> int:
         _write_page(arguments, out, page, clips)
         print(page)
     guessed = [guess for clip in clips for guess in clip.guessed.split("; ") if guess]
-    return final_line(violations(clips), guessed=guessed)
+    return final_line(violations(clips), left=[c.left for c in clips], guessed=guessed)
 
 
 def _options(arguments: argparse.Namespace) -> dict:
@@ -245,12 +244,16 @@ def violations(clips: Sequence[CleanedClip]) -> list[str]:
             "with meshes that penetrate",
         ),
         *counted(unclear, "motion", "with a way between frames that is not clear"),
-        *counted(
-            sum(bool(c.exceeded) for c in clips),
-            "motion",
-            "changed by more than is allowed",
-        ),
+        *_of_each([c.exceeded for c in clips], "changed", "by more than is allowed"),
+        *_of_each([c.faults for c in clips], "", "with faults"),
     ]
+
+
+def _of_each(words: list[str], what: str, in_all: str) -> list[str]:
+    """What is said of one motion; of several how many it is said of."""
+    if len(words) == 1:
+        return [f"{what}: {words[0]}".lstrip(": ")] if words[0] else []
+    return counted(sum(map(bool, words)), "motion", f"{what} {in_all}".strip())
 
 
 def _write_page(
@@ -318,6 +321,8 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         )
     if clip.exceeded:
         lines.append(f"changed by more than is allowed: {clip.exceeded}")
+    if clip.left:
+        lines.append(f"left as it was: {clip.left}")
     if clip.deepest:
         lines.append(f"still penetrating, most at {clip.deepest}")
     if clip.near > clip.penetrating:
@@ -377,10 +382,4 @@ def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
         f"{sum(clip.penetrating > 0 for clip in clips)}; "
         f"{sum(clip.violated for clip in clips)} violate something"
     )
-    return report_files(files, violations, _violations_of, out / CLEANED_TABLE)
-
-
-def _violations_of(clip: CleanedClip) -> list[str]:
-    """What a motion violates; by how much it changed, if that is too much."""
-    changed = [f"changed: {clip.exceeded}"] if clip.exceeded else []
-    return [*violations([replace(clip, exceeded="")]), *changed]
+    return report_files(files, violations, out / CLEANED_TABLE)

@@ -68,7 +68,6 @@ def progress_bar():
 def report_files(
     files: Sequence[FileResult],
     violated: Callable[[Sequence[Any]], list[str]],
-    of_one: Callable[[Any], list[str]],
     table: Path,
 ) -> int:
     """Prints which motions violate something and which files failed, then what was
@@ -76,8 +75,7 @@ def report_files(
 
     Args:
         files: what became of them.
-        violated: what motions violate, in a few words each,
-        of_one: and one motion, in more of them.
+        violated: what motions violate, in a few words each; of one in more of them.
         table: that was written, with its page beside it.
 
     Returns:
@@ -88,7 +86,7 @@ def report_files(
     left = [(file, clip) for file in files for clip in file.clips if clip.violated]
     for file, clip in left[:_MOST_LINES]:
         which = f"{file.source} {clip.clip}".rstrip()
-        print(f"violated: {which}: {'; '.join(of_one(clip))}")
+        print(f"violated: {which}: {'; '.join(violated([clip]))}")
     if len(left) > _MOST_LINES:
         print(f"and {len(left) - _MOST_LINES} more, in the table")
     failed = [file for file in files if file.error]
@@ -101,4 +99,5 @@ def report_files(
     print(table)
     print(page_of(table))
     clips = [clip for file in files for clip in file.clips]
-    return final_line([*violated(clips), *counted(len(failed), "file", "failed")])
+    bad = [*violated(clips), *counted(len(failed), "file", "failed")]
+    return final_line(bad, left=[clip.left for clip in clips])

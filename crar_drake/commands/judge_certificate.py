@@ -2,6 +2,7 @@
 
 import argparse
 from pathlib import Path
+from typing import NamedTuple
 
 from crar_drake.commands.output import counted, final_line, tell_failure
 from crar_drake.errors import CrarError, MotionError, printable
@@ -31,28 +32,42 @@ def judge_certificates(arguments: argparse.Namespace) -> int:
     for path in arguments.what:
         motions += find_references(path) if path.is_dir() else [path]
     if len(motions) == 1:
-        holds, guessed = _judge(motions[0], arguments.robot)
-        untrue = [] if holds else ["the certificate does not hold"]
-        return final_line(untrue, guessed=guessed)
-    refuted, unusable, guesses = 0, 0, []
+        told = _judge(motions[0], arguments.robot)
+        untrue = [] if told.holds else ["the certificate does not hold"]
+        return final_line([*untrue, *told.faults], 0, told.guessed, told.left)
+    refuted, unusable, faulty, left, guesses = 0, 0, 0, [], []
     for motion in motions:
         try:
-            holds, guessed = _judge(motion, arguments.robot)
-            refuted += not holds
-            guesses += guessed
+            told = _judge(motion, arguments.robot)
+            refuted += not told.holds
+            faulty += bool(told.faults)
+            left += told.left
+            guesses += told.guessed
         except CrarError as error:
             tell_failure(error)
             unusable += 1
-    untrue = counted(refuted, "certificate", f"of {len(motions)} not true")
+    untrue = [
+        *counted(refuted, "certificate", f"of {len(motions)} not true"),
+        *counted(faulty, "motion", "with faults"),
+    ]
     if unusable:
         unread = f"{unusable} of {len(motions)} certificates cannot be read"
         print("; ".join([f"NOT JUDGED: {unread}", *untrue]))
         return 2
-    return final_line(untrue, guessed=guesses)
+    return final_line(untrue, 0, guesses, left)
 
 
-def _judge(motion: Path, robot: str | None) -> tuple[bool, list[str]]:
-    """Whether that of one motion holds, and what was guessed of its reference."""
+class _Told(NamedTuple):
+    """What a certificate says, and whether it holds."""
+
+    holds: bool
+    guessed: list[str]  # of the motion's reference
+    faults: list[str]  # kinds of what is wrong with it besides
+    left: list[str]  # of each clip that which was left as it was, or ""
+
+
+def _judge(motion: Path, robot: str | None) -> _Told:
+    """Whether that of one motion holds, and what it says of it."""
     from crar_drake.references.certificate_files import (
         certificate_path,
         read_certificate,
@@ -96,12 +111,20 @@ def _judge(motion: Path, robot: str | None) -> tuple[bool, list[str]]:
     guessed = certificate["motion"]["guessed"]
     for guess in guessed:
         print(f"guessed: {printable(guess)}")
+    faults, left = [], []
+    for clip in certificate["clips"]:
+        which = f"{printable(clip['clip'])}: " if clip["clip"] else ""
+        for fault in clip["faults"]:
+            print(f"it says: {which}{printable(': '.join(filter(None, fault)))}")
+            faults.append(printable(fault[0]))
+        left.append(printable("; ".join(clip["left_as_it_was"])))
+    told = _Told(check.holds, guessed, list(dict.fromkeys(faults)), left)
     if check.holds:
         print(f"{place}: nothing refutes it")
-        return True, guessed
+        return told
     print(f"{place}: DOES NOT HOLD")
     for line in check.refuted[:_MOST_LINES]:
         print(f"  {printable(line)}")
     if len(check.refuted) > _MOST_LINES:
         print(f"  and {len(check.refuted) - _MOST_LINES} more")
-    return False, guessed
+    return told

@@ -73,9 +73,9 @@ def run_references(arguments: argparse.Namespace) -> int:
         used, else 0.
     """
     from crar_drake.files import check_folder
+    from crar_drake.references.faults import Tolerances
     from crar_drake.references.folders import find_references
     from crar_drake.references.judged_files import JudgeOptions, judge_files, judge_here
-    from crar_drake.references.reference_judge import Tolerances
     from crar_drake.references.verdict_report import verdict_lines
     from crar_drake.robot.description import whole_body_name
 
@@ -135,7 +135,8 @@ def run_references(arguments: argparse.Namespace) -> int:
         print(f"NOT JUDGED: {unusable} of {len(judged)} files cannot be used")
         return 2
     guessed = [guess for verdict in verdicts for guess in verdict.motion.guesses]
-    return final_line(violated, guessed=guessed)
+    left = ["; ".join(verdict.left_as_it_was) for verdict in verdicts]
+    return final_line(violated, guessed=guessed, left=left)
 
 
 def _print_table(judged: list[JudgedFile]) -> None:

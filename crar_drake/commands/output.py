@@ -7,7 +7,7 @@ import hashlib
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -37,18 +37,29 @@ def label(path: str | Path) -> Path:
     return folder / path.stem
 
 
-def final_line(violated: list[str], bad: int = 0, guessed: Iterable[str] = ()) -> int:
+def final_line(
+    violated: list[str],
+    bad: int = 0,
+    guessed: Iterable[str] = (),
+    left: Sequence[str] = (),
+) -> int:
     """Prints the last line of a command that judges: OK, or VIOLATED and what.
 
     Args:
         violated: what is, each in a few words.
         bad: how many lines BAD are printed above it, of what violates nothing.
+        left: of each motion what is wrong with it that was left as it was, or "".
         guessed: what was guessed of the files that are judged, a sentence each.
 
     Returns:
         The exit code: 1 if something is violated, else 0.
     """
     ok = f"OK: nothing is violated, but see {bad} BAD above" if bad else "OK"
+    was = [words for words in left if words]
+    if was:
+        of_many = f"something of {plural(len(was), 'motion')}"
+        which = was[0] if len(left) == 1 else of_many
+        ok = f"{ok}, left as it was: {which}"
     line = f"VIOLATED: {'; '.join(violated)}" if violated else ok
     heads = [
         printable(guess.partition(": ")[0].partition(", ")[0])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,11 +22,10 @@ from crar_drake.commands.options import (
     positive,
     share,
 )
-from crar_drake.commands.output import OUT, counted, final_line, label
+from crar_drake.commands.output import OUT, final_line, label
 
 if TYPE_CHECKING:
     from crar_drake.references.retarget_file import RetargetedClip
-    from crar_drake.references.retarget_folder import RetargetedRow
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -121,7 +119,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--jobs is for folders")
     from crar_drake.references.certificate_files import certificate_path
     from crar_drake.references.retarget_file import retarget_file
-    from crar_drake.references.retarget_folder import row_of
 
     name = f"{label(arguments.motion)}.csv"
     out = arguments.out or OUT / "retarget" / name
@@ -138,7 +135,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(line)
     print(out)
     print(certificate_path(out))
-    return final_line(violations_of(row_of(clip)))
+    return final_line(violations([clip.cleaned]))
 
 
 def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
@@ -172,22 +169,7 @@ def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
             f"median and {most:.1f} deg in 95 % of the frames; planted feet slip by "
             f"{1e3 * max(row.slip for row in rows):.1f} mm"
         )
-    return report_files(files, _violations, violations_of, out / RETARGETED_TABLE)
-
-
-def _violations(rows: Sequence[RetargetedRow]) -> list[str]:
-    """What motions violate, in a few words each."""
-    return [
-        *violations(rows),
-        *counted(sum(row.below for row in rows), "motion", "below the floor"),
-        *counted(sum(bool(row.faults) for row in rows), "motion", "with faults"),
-    ]
-
-
-def violations_of(row: RetargetedRow) -> list[str]:
-    """What a motion violates, with how deep it is."""
-    below = [f"{-1e3 * row.lowest:.0f} mm below the floor"] if row.below else []
-    return [*violations([row]), *below, *filter(None, [row.faults])]
+    return report_files(files, violations, out / RETARGETED_TABLE)
 
 
 def _lines(clip: RetargetedClip) -> list[str]:

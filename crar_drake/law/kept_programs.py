@@ -15,6 +15,7 @@ import pickle
 import re
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -106,7 +107,10 @@ class Kept:
         digest, content = kept[:_DIGEST], kept[_DIGEST:]
         if hashlib.sha256(content).digest() != digest:
             return None
-        return CompileResult._rebuild(target, *pickle.loads(content))
+        # Of a type that stands in another file by now nothing can be made any more.
+        with suppress(ImportError, AttributeError):
+            return CompileResult._rebuild(target, *pickle.loads(content))
+        return None
 
     def save_overload(self, signature, result: CompileResult) -> None:
         """Keeps what was compiled, if that can be done."""

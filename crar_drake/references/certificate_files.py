@@ -185,6 +185,8 @@ _FORM = {
             },
             "smallest": _OBJECT,
             "meshes": _MESHES,
+            "faults": [[_TEXT]],
+            "left_as_it_was": [_TEXT],
         }
     ],
 }
@@ -211,6 +213,19 @@ def _mistakes(value: object, form: object, where: str) -> Iterator[str]:
                 yield from _mistakes(value[key], of, inner)
             else:
                 yield f"{inner} is missing"
+
+
+def faults_beside(motion: str | os.PathLike[str]) -> dict[str, tuple[list, list]]:
+    """What the certificate beside a motion says is wrong with this very file: of each
+    clip the faults (kind, where), and the kinds that were left as they were; empty if
+    there is none.
+    """
+    with suppress(CrarError, OSError):
+        certificate = read_certificate(certificate_path(motion))
+        if certificate["motion"]["sha256"] == file_hash(motion):
+            clips = certificate["clips"]
+            return {c["clip"]: (c["faults"], c["left_as_it_was"]) for c in clips}
+    return {}
 
 
 def told_beside(

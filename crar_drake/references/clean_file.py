@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ from crar_drake.references.change import (
     find_frozen,
 )
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
+from crar_drake.references.faults import Fault, find_faults, left_as_it_was
 from crar_drake.references.ground_contact import CarryingHands, Outline
 from crar_drake.references.layouts import LAYOUTS, layout_named
 from crar_drake.references.mesh_clearance import MeshClearance
@@ -43,6 +44,9 @@ from crar_drake.references.uncovered import Uncovered
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import LIMIT_TOLERANCE, load_robot_description
 from crar_drake.trajectory.margins import Margins
+
+# What is wrong with a motion that was written.
+Judged = Callable[[RobotMotion], Iterable[Fault]]
 
 # A frame counts as changed if a joint is farther from the reference [rad or m].
 _CHANGED = 1e-6
@@ -84,6 +88,10 @@ class CleanedClip(Change):
     slowed: float = 0.0  # by how much longer it takes; 0 if that was not asked for [s]
     # frame and pair of the deepest penetration, in words; "" without one
     deepest: str = ""
+    # what else is wrong with it, and what its reference had, too, and was left as it
+    # was, in words; "" if nothing is
+    faults: str = ""
+    left: str = ""
     # what changed by more than was allowed, in words; "" if nothing did
     exceeded: str = ""
     # what the file did not say and was guessed, in words; of a motion that was
@@ -97,11 +105,14 @@ class CleanedClip(Change):
 
     @property
     def violated(self) -> bool:
-        """Whether anything is left, a way between frames is not shown to be clear, or
-        it changed by more than was allowed."""
+        """Whether anything is violated, a way between frames is not shown to be clear,
+        something is wrong that was not before, or it changed by more than was
+        allowed."""
         left = self.penetrating or self.beyond_limit or self.too_fast
         meshes = self.meshes_penetrating > 0 or self.meshes_unclear > 0
-        return bool(left or meshes or self.exceeded) or not self.between >= 0.0
+        return bool(left or meshes or self.exceeded or self.faults) or not (
+            self.between >= 0.0
+        )
 
 
 def clean_file(
@@ -275,6 +286,7 @@ class MotionCleaner:
         self._retime = retime
         self._robot, self._parameters = robot, parameters
         self.uncovered, self._carrying = Uncovered(robot), CarryingHands(robot)
+        self._outline = Outline(robot)
         self._meshes = self.uncovered.meshes if part_meshes else None
         self._cleaners: dict[float, Cleaner] = {}
 
@@ -296,6 +308,7 @@ class MotionCleaner:
         options: dict,
         ground: Outline | None = None,
         at_most: AtMost = ANY_CHANGE,
+        judged: Judged | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> list[CleanedClip]:
         """Cleans motions, and writes them and their certificate, or neither.
@@ -308,6 +321,8 @@ class MotionCleaner:
             options: what the certificate says of how they were read.
             ground: of the robot, if motions are to be set on the ground.
             at_most: how far they may change.
+            judged: what is wrong with a motion that is of no reference; by default what
+                the reference has, too, is left as it was.
             progress: as of `clean_file`.
 
         Raises:
@@ -342,12 +357,25 @@ class MotionCleaner:
                 cleaner = self._of_rate(after.rate)
                 margins = [_margins(motion, cleaner) for motion in (before, after)]
                 meshes = self.uncovered.look_at(after)
-                clips.append(CertifiedClip(after.clip, after.rate, margins[1], meshes))
                 up = before.root_positions + [0.0, 0.0, rise]
                 raised_before = replace(before, root_positions=up)
+                if judged is None:
+                    both = (self._faults(m) for m in (raised_before, after))
+                    faults, left = left_as_it_was(*both)
+                else:
+                    faults, left = list(judged(after)), []
+                of_clip = after.clip, after.rate, margins[1], meshes, faults, left
+                clips.append(CertifiedClip(*of_clip))
                 row = _row(raised_before, after, margins, meshes, cleaner, robot)
                 slowed = before.duration - first.duration
-                row = replace(row, seconds=took, raised=rise, slowed=slowed)
+                row = replace(
+                    row,
+                    seconds=took,
+                    raised=rise,
+                    slowed=slowed,
+                    faults="; ".join(map(str, faults)),
+                    left="; ".join(map(str, left)),
+                )
                 rows.append(replace(row, exceeded=at_most.exceeded(row)))
             certificate = make_certificate(
                 folder / out.name,
@@ -365,6 +393,9 @@ class MotionCleaner:
             certificate["options"] = options
             write_certificate(folder / place.name, certificate)
         return rows
+
+    def _faults(self, motion: RobotMotion) -> list[Fault]:
+        return list(find_faults(motion, self._outline.ground_contact(motion)))
 
     def _cleaned(
         self, motion: RobotMotion, progress: Callable[[int, int], None] | None

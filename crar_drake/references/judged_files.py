@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from crar_drake.batches import in_batches
 from crar_drake.errors import CrarError
 from crar_drake.fresh_processes import FreshProcesses
+from crar_drake.references.certificate_files import faults_beside
+from crar_drake.references.faults import LIMBS_OFF, Fault, Tolerances
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.reference_judge import (
     ReferenceJudge,
     ReferenceVerdict,
-    Tolerances,
 )
 from crar_drake.robot.description import load_robot_description
 
@@ -88,12 +89,12 @@ def judge_files(
 def _judge_file(judge: ReferenceJudge, file: str, options: JudgeOptions) -> JudgedFile:
     try:
         motions = read_motions(file, options.layout, options.rate, robot=judge.robot)
-        return JudgedFile(
-            file,
-            tuple(
-                judge.judge(motion, options.every, options.tolerances)
-                for motion in motions
-            ),
-        )
+        beside, verdicts = faults_beside(file), []
+        for motion in motions:
+            faults, left = beside.get(motion.clip, ((), ()))
+            told = [Fault(*fault) for fault in faults if fault[0] == LIMBS_OFF]
+            of = options.every, options.tolerances, left, told
+            verdicts.append(judge.judge(motion, *of))
+        return JudgedFile(file, tuple(verdicts))
     except (CrarError, OSError) as error:
         return JudgedFile(file, (), str(error))

@@ -25,6 +25,7 @@ from crar_drake.references.certificate_files import (
     file_hash,
     robot_files,
 )
+from crar_drake.references.faults import Fault
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_files import read_motions
@@ -53,6 +54,8 @@ class CertifiedClip:
     rate: float  # frames per second [Hz]
     margins: Margins  # what it keeps
     meshes: MeshClearance | None  # what the meshes keep; None where none were looked at
+    faults: Sequence[Fault]  # what else is wrong with it,
+    left: Sequence[Fault]  # and what was so before, and left as it was
 
 
 def make_certificate(
@@ -409,7 +412,13 @@ def _clip(each: CertifiedClip, pairs: Sequence[Sequence[str]]) -> dict:
         "speed": m.speed.tolist(),
     }
     summary = _summary(frames, pairs)
-    of_motion = {"clip": each.clip, "rate": each.rate, "meshes": _meshes(each.meshes)}
+    of_motion = {
+        "clip": each.clip,
+        "rate": each.rate,
+        "meshes": _meshes(each.meshes),
+        "faults": [list(fault) for fault in each.faults],
+        "left_as_it_was": [fault.kind for fault in each.left],
+    }
     return {**of_motion, **summary, "frames": frames}
 
 

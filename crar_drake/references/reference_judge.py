@@ -7,13 +7,15 @@ robot meets itself; its pose counts against the ground.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from crar_drake.errors import ModelError
 from crar_drake.judging.mesh_judge import MeshJudge, MeshVerdict
 from crar_drake.judging.referee import Referee
+from crar_drake.references.faults import Fault, Tolerances, find_faults
 from crar_drake.references.ground_contact import FootSlip, Outline
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.smoothness import (
@@ -31,21 +33,8 @@ from crar_drake.robot.description import (
 )
 from crar_drake.robot_import.link_meshes import check_installed, has_meshes
 
-# Who is higher than this throughout does not jump: the root is in another place, or in
-# another unit [m].
-_AIRBORNE = 0.5
-
 # Capsules that are farther apart are not plotted [m].
 _NEAR = 0.05
-
-
-@dataclass(frozen=True)
-class Tolerances:
-    """What is still no violation."""
-
-    below_ground: float = 0.01  # depth of the lowest point [m]
-    # way of a foot in one contact [m]; infinite: slip is reported, but violates nothing
-    slip: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -106,8 +95,28 @@ class ReferenceVerdict:
     rms_jerk: float  # of all joints [rad/s^3]
     peak_jerk: float  # the largest of any joint [rad/s^3]
     peak_jerk_joint: str  # where it is
-    # what of these is violated, in words
-    violations: tuple[str, ...] = field(default=())
+    faults: tuple[Fault, ...]  # what else is wrong with it
+    # kinds of faults that its certificate says it was left with
+    left: tuple[str, ...] = ()
+
+    @property
+    def violations(self) -> tuple[str, ...]:
+        """What is violated, in a few words each."""
+        found = []
+        if self.mesh_pairs:
+            found.append("meshes penetrate")
+        elif self.meshes is None and self.capsules:
+            found.append("capsules penetrate")
+        if self.limits:
+            found.append("joint limits")
+        if self.speeds:
+            found.append("speed limits")
+        return *found, *(f.kind for f in self.faults if f.kind not in self.left)
+
+    @property
+    def left_as_it_was(self) -> tuple[str, ...]:
+        """Kinds of its faults that are no violations."""
+        return tuple(f.kind for f in self.faults if f.kind in self.left)
 
     @property
     def capsule_frames(self) -> tuple[int, ...]:
@@ -172,6 +181,8 @@ class ReferenceJudge:
         motion: RobotMotion,
         every: float | None = None,
         tolerances: Tolerances | None = None,
+        left: Sequence[str] = (),
+        told: Sequence[Fault] = (),
     ) -> ReferenceVerdict:
         """Judges every frame of a motion.
 
@@ -179,6 +190,8 @@ class ReferenceJudge:
             motion: with its joints in the robot's order (`robot_match.matched`).
             every: time between frames whose meshes are judged [s]; by default all are.
             tolerances: what is still no violation.
+            left: kinds of faults that its certificate says it was left with.
+            told: faults that its certificate tells of, and nothing here can find.
         """
         q = self.robot.configurations(motion.joint_positions)
         capsules, distances = self._judge_capsules(q)
@@ -204,7 +217,7 @@ class ReferenceJudge:
         jerks = joint_jerks(motion)
         peak = int(np.abs(jerks).max(axis=0).argmax()) if jerks.size else 0
         ground = self._outline.ground_contact(motion)
-        verdict = ReferenceVerdict(
+        return ReferenceVerdict(
             # Of thousands of files the poses of all links would fill the memory.
             motion=replace(motion, extras={}, computed={}),
             capsules=capsules,
@@ -226,8 +239,9 @@ class ReferenceJudge:
             rms_jerk=float(np.sqrt(np.mean(jerks**2))) if jerks.size else 0.0,
             peak_jerk=float(np.abs(jerks).max(initial=0.0)),
             peak_jerk_joint=names[peak],
+            faults=(*find_faults(motion, ground, tolerances), *told),
+            left=tuple(left),
         )
-        return _with_violations(verdict, tolerances or Tolerances())
 
     def _judge_capsules(
         self, q_trajectory: np.ndarray
@@ -267,29 +281,6 @@ def _beyond(
             )
         )
     return tuple(sorted(found, key=lambda beyond: -beyond.excess))
-
-
-def _with_violations(
-    verdict: ReferenceVerdict, tolerances: Tolerances
-) -> ReferenceVerdict:
-    found = []
-    if verdict.mesh_pairs:
-        found.append("meshes penetrate")
-    elif verdict.meshes is None and verdict.capsules:
-        found.append("capsules penetrate")
-    if verdict.limits:
-        found.append("joint limits")
-    if verdict.speeds:
-        found.append("speed limits")
-    if verdict.lowest.min() < -tolerances.below_ground:
-        found.append("below the ground")
-    if verdict.feet and verdict.lowest.min() > _AIRBORNE:
-        found.append("never on the ground")
-    if verdict.jumps:
-        found.append("jumps")
-    if any(foot.worst > tolerances.slip for foot in verdict.feet):
-        found.append("feet slip")
-    return replace(verdict, violations=tuple(found))
 
 
 def frames_of(found: tuple[PairFrames | Beyond, ...]) -> tuple[int, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -18,20 +17,18 @@ from crar_drake.files import check_file
 from crar_drake.motion.catalogue import load_performer, motion_files
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import SIDES
-from crar_drake.motion.planted_feet import without_short
 from crar_drake.motion.quaternion_spline import sign_continuous
 from crar_drake.motion.rates import check_rate
 from crar_drake.motion.report import inspect
 from crar_drake.references.certificate_files import check_certificate_place, file_hash
 from crar_drake.references.clean_file import CleanedClip, MotionCleaner
 from crar_drake.references.cleaning import CleaningParameters
-from crar_drake.references.ground_contact import GroundContact, Outline
+from crar_drake.references.faults import Fault, find_faults, find_limbs_off
+from crar_drake.references.ground_contact import Outline
 from crar_drake.references.layouts import layout_named, layouts_of
 from crar_drake.references.mesh_rows import MeshRows
-from crar_drake.references.motion_files import read_motion
 from crar_drake.references.robot_motion import RobotMotion
-from crar_drake.references.smoothness import find_jumps, root_acceleration
-from crar_drake.references.verdict_report import spans
+from crar_drake.references.smoothness import root_acceleration
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory.performer_targets import LIMBS, PerformerTargets
@@ -44,13 +41,6 @@ from crar_drake.trajectory.retargeting import (
 _LAYOUTS = {".csv": "xyzw-csv", ".npz": "mjlab-npz", ".pkl": "gmr-pkl"}
 RATE = 30.0  # [Hz] that most reference motions have
 CLEANING = CleaningParameters()  # of what was retargeted
-# What is wrong for longer than this is a fault [s].
-_LASTS = 0.2
-# Nothing carries a robot that is so high [m] while its root falls by less than this
-# [m/s^2].
-_IN_THE_AIR, _FALLS = 0.03, 9.81 / 3.0
-# Deeper than this below the floor is a violation, as `crar-drake judge` has it [m].
-MOST_BELOW = 0.01
 
 
 @dataclass(frozen=True)
@@ -76,9 +66,6 @@ class RetargetedClip:
     # of the root rms and largest, and of the person's, scaled [m/s^2]
     root: tuple[float, float]
     persons_root: tuple[float, float]
-    # what went wrong, with the frames: limbs that point elsewhere than the person's,
-    # frames that nothing carries, and jumps
-    faults: tuple[str, ...]
     seconds: float  # of a processor, from the file to the certified motion [s]
 
     @property
@@ -228,19 +215,25 @@ class FileRetargeter:
             rate=rate,
             guesses=inspect(performer).remarks,
         )
+        likeness_of: list = []
+
+        def judged(written: RobotMotion) -> Iterator[Fault]:
+            ground = self._outline.ground_contact(written, floor=0.0)
+            like = likeness(retargeter, found.targets, written)
+            likeness_of.extend((written, ground, *like))
+            yield from find_faults(written, ground)
+            yield from find_limbs_off(like[2], options.most_off, rate)
+
         (cleaned,) = self._cleaner.clean(
             [made],
             out,
             reference=motion_files(motion, options.options)[0],
             layout=layout,
             options=options.certified(motion),
+            judged=judged,
         )
         seconds = time.process_time() - began
-        given = None if layout_named(layout).has_rate else rate
-        written = read_motion(out, layout, given, robot=robot)
-        ground = self._outline.ground_contact(written, floor=0.0)
-        limbs, knees, off = likeness(retargeter, found.targets, written)
-        faults = find_faults(off, options.most_off, written, ground)
+        written, ground, limbs, knees, _ = likeness_of
         planted = {
             f"{side}_foot": foot.on_heel | foot.on_ball
             for side, foot in found.targets.feet.items()
@@ -254,7 +247,6 @@ class FileRetargeter:
             float(ground.lowest.min()),
             root_acceleration(written.root_positions, rate),
             root_acceleration(found.targets.root_positions, rate),
-            tuple(faults),
             seconds,
         )
 
@@ -279,36 +271,6 @@ def _layout_of(out: Path, layout: str) -> str:
 def _check_place(out: Path) -> None:
     check_file(out)
     check_certificate_place(out)
-
-
-def find_faults(
-    off: dict[str, np.ndarray],
-    most_off: float,
-    motion: RobotMotion,
-    ground: GroundContact,
-) -> Iterator[str]:
-    """`faults` of a `RetargetedClip`.
-
-    Args:
-        off: limb to (T,) how far it is off [rad].
-        most_off: as of `RetargetOptions`.
-        motion: the robot's.
-        ground: its contact with the floor.
-    """
-    z = np.pad(motion.root_positions[:, 2], 1, mode="reflect", reflect_type="odd")
-    falls = np.diff(z, 2) * motion.rate**2 < -_FALLS
-    degrees = math.degrees(most_off)
-    faults = {
-        f"{limb.replace('_', ' ')} is off by more than {degrees:g} deg": by > most_off
-        for limb, by in off.items()
-        if limb != "head"
-    } | {"nothing carries the robot": (ground.lowest > _IN_THE_AIR) & ~falls}
-    for fault, flags in faults.items():
-        frames = np.flatnonzero(without_short(flags, int(_LASTS * motion.rate) + 1))
-        if len(frames):
-            yield f"{fault} in frames {spans(frames)}"
-    for jump in find_jumps(motion):
-        yield f"{jump.what} jumps to frame {jump.frame + 1}"
 
 
 def likeness(

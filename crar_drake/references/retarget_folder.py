@@ -27,7 +27,6 @@ from crar_drake.references.folders import (
 from crar_drake.references.layouts import layout_named
 from crar_drake.references.retarget_file import (
     CLEANING,
-    MOST_BELOW,
     FileRetargeter,
     RetargetedClip,
     RetargetOptions,
@@ -71,18 +70,6 @@ class RetargetedRow(CleanedClip):
     persons_root: float  # and the person's, scaled, rms [m/s^2]
     persons_root_peak: float  # and at most [m/s^2]
     farthest: str  # that limb
-    faults: str  # what went wrong, with the frames; "" if nothing did
-
-    @property
-    def below(self) -> bool:
-        """Whether a link is below the floor."""
-        return self.lowest < -MOST_BELOW
-
-    @property
-    def violated(self) -> bool:
-        """Whether anything is, as of what was cleaned, it is below the floor, or
-        anything went wrong."""
-        return super().violated or self.below or bool(self.faults)
 
 
 def find_people(folder: Path) -> list[Path]:
@@ -184,5 +171,4 @@ def row_of(clip: RetargetedClip) -> RetargetedRow:
         persons_root=clip.persons_root[0],
         persons_root_peak=clip.persons_root[1],
         farthest=clip.farthest,
-        faults="; ".join(clip.faults),
     )

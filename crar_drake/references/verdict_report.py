@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from crar_drake.errors import plural
+from crar_drake.references.faults import spans
 from crar_drake.references.reference_judge import (
     Beyond,
     PairFrames,
@@ -120,6 +121,9 @@ def verdict_lines(verdict: ReferenceVerdict) -> Iterator[str]:
             f"{jump.frame + 1} ({jump.frame / motion.rate:.2f} s)"
         )
     yield from _more(len(verdict.jumps))
+    for fault in verdict.faults:
+        was = ", left as it was" if fault.kind in verdict.left else ""
+        yield f"  {fault}{was}"
     if verdict.violations:
         yield f"  VIOLATED: {', '.join(verdict.violations)}"
     else:
@@ -138,6 +142,7 @@ def verdict_data(verdict: ReferenceVerdict) -> dict:
         "joints": list(motion.joint_names),
         "guesses": list(motion.guesses),
         "violations": list(verdict.violations),
+        "left_as_it_was": list(verdict.left_as_it_was),
         "meshes": None,
         "capsules": None,
         "limits": [_beyond_data(beyond) for beyond in verdict.limits],
@@ -248,16 +253,6 @@ def _beyond_lines(
             f"{joint.frame / rate:.2f} s"
         )
     yield from _more(len(beyond))
-
-
-def spans(frames: Sequence[int]) -> str:
-    """Frames, counted from 1, as "3-7, 12"; the first three stretches."""
-    cuts = np.flatnonzero(np.diff(frames) > 1) + 1
-    spans = [
-        f"{s[0] + 1}-{s[-1] + 1}" if len(s) > 1 else f"{s[0] + 1}"
-        for s in np.split(np.array(frames), cuts)
-    ]
-    return ", ".join(spans[:3]) + (", ..." if len(spans) > 3 else "")
 
 
 def _more(number: int) -> Iterator[str]:

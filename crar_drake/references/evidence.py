@@ -57,8 +57,8 @@ _FEW_DEGREES = np.radians([0.35, np.pi])
 # least so many by so much, and so much in total [rad].
 _BEYOND, _HOW_MANY, _TOTAL = 0.4, 2, 1.5
 
-# From a world with y up to one with z up.
-_FROM_Y_UP = Rotation.from_euler("x", 90.0, degrees=True)
+# From a world with y up to one with z up, as x y z w.
+_FROM_Y_UP = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
 
 
 def settled(
@@ -239,6 +239,8 @@ def _first_heading(motion: RobotMotion) -> float:
 def _by_height(readings: list[Reading], robot: WholeBody) -> Reading:
     """That of readings which differ by the root's height alone that is on the floor."""
     usual = next((reading for reading in readings if reading.usual), readings[0])
+    if len(readings) == 1:
+        return usual
     best = min(readings, key=lambda r: Standing(r.motion, robot).off_floor)
     p, other = usual.motion.root_positions, best.motion.root_positions
     if np.array_equal(p, other):
@@ -319,8 +321,9 @@ def _relatives(
             told = f"with {' and '.join(words)}"
             yield told, _moved(motion, up, turned)
         if not reading.said:
-            turned = _FROM_Y_UP * turned
-            up = _FROM_Y_UP.apply(p - zero) + [0.0, 0.0, raised]
+            from_y_up = Rotation.from_quat(_FROM_Y_UP)
+            turned = from_y_up * turned
+            up = from_y_up.apply(p - zero) + [0.0, 0.0, raised]
             yield " and ".join(["with y up", *words]), _moved(motion, up, turned)
     if layout.order == TURN:
         rows = readings[0].motion.computed["rows"]

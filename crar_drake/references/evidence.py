@@ -14,7 +14,7 @@ that motions tend to start along +x, a weak evidence.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import product
@@ -39,11 +39,13 @@ _DOUBTED, _THIRD = np.radians(6.0), 1.0 / 3.0
 # A motion that is more tilted than this tells nothing of the order [rad].
 _TILTED = np.radians(60.0)
 
-# Who goes so far [m], and this share of it where he looks, goes forwards.
+# Who goes so far [m], and this share of it where he looks, goes forwards. The readings'
+# speeds differ by twice his: a little is a walk, more is none backwards [m/s].
 _WAY, _ALONG = 0.5, 0.5
+_SLOW, _FAST = 0.2, 2.0
 
-# Nothing is so far above or below the floor all the time [m].
-_FAR = 2.0
+# Nothing is so far above or below the floor all the time; and what is doubtful [m].
+_FAR, _OFF = 2.0, 0.3
 
 # What positions may be in, and how long it is [m].
 _UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001}
@@ -55,8 +57,8 @@ _FEW_DEGREES = np.radians([0.35, np.pi])
 # least so many by so much, and so much in total [rad].
 _BEYOND, _HOW_MANY, _TOTAL = 0.4, 2, 1.5
 
-# From a world with y up to one with z up.
-_FROM_Y_UP = Rotation.from_euler("x", 90.0, degrees=True)
+# From a world with y up to one with z up, as x y z w.
+_FROM_Y_UP = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
 
 
 def settled(
@@ -110,14 +112,24 @@ def _of_order(
             f"{first.motion.source}: it may be {names}: say it with --layout"
         )
     order, evidence = guess_quaternion_order({k: r.motion for k, r in of.items()})
-    if first.usual and not evidence.startswith("sure"):
-        _refuse_doubted(first, of, evidence)
-        order = first.order
-    if not evidence.startswith("sure") and not first.usual and robot is not None:
-        fit = [k for k, r in of.items() if _stands(r.motion, robot)]
-        if len(fit) == 1 and fit[0] != order:
-            (order,) = fit
-            evidence = f"{evidence}, and as {order} its lowest points are at z = 0"
+    if not evidence.startswith("sure"):
+        stands = _that_stands(readings, robot)
+        other = of[next(k for k in of if k != first.order)]
+        doubted = first.usual and _is_doubted(first, other)
+        if stands:
+            order = stands
+            evidence = f"{evidence}, and as {order} it stands on the floor"
+        elif first.usual:
+            order = other.order if doubted else first.order
+        if (order != first.order and other.layout == first.layout and first.usual) or (
+            doubted and stands == first.order
+        ):
+            name = first.layout.name
+            raise MotionError(
+                f"{first.motion.source}: quaternions may be {first.order}, as {name} "
+                f"has them, or {order} ({evidence}): say --layout {name} if they are "
+                f"{first.order}, else convert the file"
+            )
     if not order:
         layouts = " or ".join(reading.layout.name for reading in of.values())
         columns = first.layout.root_columns + first.motion.num_joints
@@ -139,29 +151,33 @@ def _of_order(
     return [reading.guessing(guess) for reading in chosen]
 
 
-def _refuse_doubted(usual: Reading, of: Mapping[str, Reading], evidence: str) -> None:
-    """Raises MotionError if evidence is against the order that files are meant to have,
-    and not clear enough to take the other."""
-    (other,) = (reading for order, reading in of.items() if order != usual.order)
-    tilted = mean_tilt(usual.motion.root_rotations)
-    less = mean_tilt(other.motion.root_rotations)
+def _is_doubted(usual: Reading, other: Reading) -> bool:
+    """Whether evidence is against the order that files are meant to have."""
+    tilted, less = (mean_tilt(r.motion.root_rotations) for r in (usual, other))
     looks_back = abs(_first_heading(usual.motion)) > 3.0 * np.pi / 4.0
-    goes = _goes_forwards(usual.motion), _goes_forwards(other.motion)
-    if (looks_back and goes == (-1, 1)) or (
-        tilted - less > _DOUBTED and less < _THIRD * tilted
-    ):
-        raise MotionError(
-            f"{usual.motion.source}: quaternions may be {usual.order}, as "
-            f"{usual.layout.name} has them, or {other.order} ({evidence}): say "
-            f"--layout {usual.layout.name} if they are {usual.order}, else convert it"
-        )
+    ahead = _forwards(other.motion) - _forwards(usual.motion)
+    return bool(
+        ahead > (_SLOW if looks_back else _FAST)
+        or (tilted - less > _DOUBTED and less < _THIRD * tilted)
+    )
 
 
-def _stands(motion: RobotMotion, robot: WholeBody) -> bool:
-    """Whether a motion is one of the robot's, and on the floor."""
-    with suppress(MotionError):
-        return Standing(matched(motion, robot), robot).on_floor
-    return False
+def _that_stands(readings: Sequence[Reading], robot: WholeBody | None) -> str:
+    """The order in which the robot stands on the floor, and clearly better than in the
+    other; "" if there is none."""
+    costs: dict[str, float] = {}
+    for reading in readings if robot is not None else ():
+        with suppress(MotionError):
+            standing = Standing(matched(reading.motion, robot), robot)
+            if standing.on_floor:
+                least = costs.get(reading.order, np.inf)
+                costs[reading.order] = min(standing.cost, least)
+    best = min(costs, key=costs.get, default="")
+    return (
+        best
+        if all(costs[best] < c - 1.0 for o, c in costs.items() if o != best)
+        else ""
+    )
 
 
 def guess_quaternion_order(read: dict[str, RobotMotion]) -> tuple[str, str]:
@@ -184,14 +200,14 @@ def guess_quaternion_order(read: dict[str, RobotMotion]) -> tuple[str, str]:
         return "", evidence
     if tilt[other] - tilt[order] >= _CLEAR:
         return order, f"sure: {evidence}"
-    ahead = {name: _goes_forwards(motion) for name, motion in read.items()}
+    ahead = {name: _forwards(motion) for name, motion in read.items()}
     order, other = sorted(ahead, key=ahead.get, reverse=True)
     along = {name: abs(_first_heading(motion)) for name, motion in read.items()}
     looks, away = sorted(along, key=along.get)
     if along[looks] > np.pi / 4.0 or along[away] < 3.0 * np.pi / 4.0:
         looks = ""
-    if ahead[order] > 0.0:
-        if looks not in ("", order):
+    if ahead[order] > _SLOW / 2.0:
+        if looks not in ("", order) and ahead[order] < _FAST / 2.0:
             return "", f"{evidence}, and as {order} it goes forwards from -x"
         how = f"as {order} it goes forwards, as {other} backwards"
         return order, f"NOT sure: {evidence}, and {how} (say --layout if that is wrong)"
@@ -203,13 +219,15 @@ def guess_quaternion_order(read: dict[str, RobotMotion]) -> tuple[str, str]:
     )
 
 
-def _goes_forwards(motion: RobotMotion) -> int:
-    """1 if the root mostly goes where it looks, -1 if away from there, else 0."""
+def _forwards(motion: RobotMotion) -> float:
+    """How fast the root goes where it looks, on average [m/s]; 0 if it goes nowhere, or
+    mostly elsewhere."""
     steps = np.diff(motion.root_positions[:, :2], axis=0)
     looks = motion.root_rotations[:-1].apply([1.0, 0.0, 0.0])[:, :2]
-    way = np.linalg.norm(steps, axis=1).sum()
-    along = float(np.sum(steps * looks))
-    return int(np.sign(along)) if way > _WAY and abs(along) > _ALONG * way else 0
+    way, along = np.linalg.norm(steps, axis=1).sum(), float(np.sum(steps * looks))
+    if way < _WAY or abs(along) < _ALONG * way:
+        return 0.0
+    return along / motion.duration
 
 
 def _first_heading(motion: RobotMotion) -> float:
@@ -219,15 +237,15 @@ def _first_heading(motion: RobotMotion) -> float:
 
 
 def _by_height(readings: list[Reading], robot: WholeBody) -> Reading:
-    """That of readings which differ by the root's height alone."""
-    usual, *others = sorted(readings, key=lambda reading: not reading.usual)
-    q = usual.motion
-    for other in others:
-        if np.array_equal(q.root_positions, other.motion.root_positions):
-            continue
-        if Standing(other.motion, robot).on_floor and not Standing(q, robot).on_floor:
-            return other.guessing("heights are those above the floor: so it stands")
-    return usual
+    """That of readings which differ by the root's height alone that is on the floor."""
+    usual = next((reading for reading in readings if reading.usual), readings[0])
+    if len(readings) == 1:
+        return usual
+    best = min(readings, key=lambda r: Standing(r.motion, robot).off_floor)
+    p, other = usual.motion.root_positions, best.motion.root_positions
+    if np.array_equal(p, other):
+        return usual
+    return best.guessing("heights are those above the floor: so it stands")
 
 
 # --- near relatives ---------------------------------------------------------------
@@ -244,7 +262,9 @@ def _unrefuted(
     motion, source = reading.motion, reading.motion.source
     standing = Standing(motion, robot)
     low = standing.lowest
-    for what, other in () if standing.on_floor else _relatives(reading, readings):
+    for what, other in _relatives(reading, readings):
+        if standing.on_floor and not (_raised(reading) and "y up" in what):
+            continue
         stands = Standing(other, robot)
         if stands.on_floor and stands.tilt < max(standing.tilt, _TILTED):
             raise MotionError(
@@ -271,6 +291,10 @@ def _unrefuted(
             "[rad, m], and others are as far off: is the file in degrees, are its "
             "joints in another order, or is it of another robot?"
         )
+    feet = {"left_foot", "right_foot"} <= robot.description.task_frames.keys()
+    if feet and low.size and (low.min() > _OFF or low.max() < -_OFF):
+        told = f"heights are the file's: its lowest point is at {np.median(low):.2f} m"
+        motion = replace(motion, guesses=(*motion.guesses, told))
     return motion
 
 
@@ -280,11 +304,13 @@ def _relatives(
     """Yields what a reading is easily taken for: in words, and what it would be."""
     motion, layout = reading.motion, reading.layout
     p = motion.root_positions
+    zero = np.array([0.0, 0.0, _raised(reading)])
     for unit, metre in _UNITS.items():
         # What is low is not made of smaller units: a root may be on the floor itself.
-        if metre > layout.metre or metre < layout.metre < np.median(p[:, 2]) / _FAR:
-            scaled = replace(motion, root_positions=p * (metre / layout.metre))
-            yield f"with positions in {unit}", scaled
+        high = zero.any() or np.median(p[:, 2]) > _FAR
+        if metre > layout.metre or (metre < layout.metre and high):
+            scaled = (p - zero) * (metre / layout.metre) + zero
+            yield f"with positions in {unit}", replace(motion, root_positions=scaled)
     heights = {0.0, *(r.layout.raised for r in readings)}
     for other, raised in product(readings, heights):
         words = [f"quaternions {other.order}"] * (other.order != reading.order)
@@ -295,12 +321,24 @@ def _relatives(
             told = f"with {' and '.join(words)}"
             yield told, _moved(motion, up, turned)
         if not reading.said:
-            turned, up = _FROM_Y_UP * turned, _FROM_Y_UP.apply(p) + [0.0, 0.0, raised]
+            from_y_up = Rotation.from_quat(_FROM_Y_UP)
+            turned = from_y_up * turned
+            up = from_y_up.apply(p - zero) + [0.0, 0.0, raised]
             yield " and ".join(["with y up", *words]), _moved(motion, up, turned)
     if layout.order == TURN:
         rows = readings[0].motion.computed["rows"]
         swapped = _moved(motion, rows[:, 3:6], Rotation.from_rotvec(rows[:, :3]))
         yield "with rotation before position", swapped
+        last = _moved(motion, rows[:, -6:-3], Rotation.from_rotvec(rows[:, -3:]))
+        if motion.num_joints == rows.shape[1] - 6:
+            yield "with the root last", replace(last, joint_positions=rows[:, :-6])
+
+
+def _raised(reading: Reading) -> float:
+    """How much higher the root is than the file says [m]."""
+    columns = 7 + reading.motion.num_joints
+    has = columns == reading.layout.raised_columns
+    return reading.layout.raised if has else 0.0
 
 
 def _moved(motion: RobotMotion, p: np.ndarray, R: Rotation) -> RobotMotion:

@@ -13,9 +13,9 @@ from crar_drake.robot.description import find_frame
 # Frames that are looked at, evenly over the motion.
 _FRAMES = 24
 
-# Lowest points are on the floor within this [m]; those of a motion are, in this share
-# of its frames.
-_ON_FLOOR, _SHARE = 0.1, 0.8
+# Lowest points are on the floor within this [m]: hardly any is below it, and not only
+# few frames come down to it, which is all that somebody who runs or jumps does.
+_ON_FLOOR, _BELOW, _DOWN = 0.1, 0.1, 0.3
 
 # Of what counts as much as one: joints beyond their limits, in total [rad]; how the
 # lowest points go up and down [m]; the tilt of the sole that is lower [rad].
@@ -66,9 +66,18 @@ class Standing:
 
     @property
     def on_floor(self) -> bool:
-        """Whether the robot's lowest points are near z = 0 nearly all the time."""
-        near = np.abs(self.lowest) < _ON_FLOOR
-        return bool(near.size) and near.mean() >= _SHARE
+        """Whether the robot's lowest points stand, or come down, on z = 0."""
+        if not self.lowest.size:
+            return False
+        below, down = np.quantile(self.lowest, [_BELOW, _DOWN])
+        return bool(below > -_ON_FLOOR and down < _ON_FLOOR)
+
+    @property
+    def off_floor(self) -> float:
+        """How far the robot's lower points are from z = 0 [m]."""
+        return (
+            float(np.abs(np.quantile(self.lowest, _BELOW))) if self.lowest.size else 0.0
+        )
 
     @property
     def tilt(self) -> float:

@@ -343,6 +343,16 @@ def test_orders_are_not_mixed_without_a_robot(tmp_path: Path, robot):
         write_motion(tmp_path / "a.csv", read, "xyzw-csv")
 
 
+def test_the_guide_has_the_table(repository: Path = Path(__file__).parents[2]):
+    guide = (repository / "docs/guides/reference-motions.md").read_text()
+    rows = [line for line in guide.splitlines() if line.startswith("| `")]
+    for layout in LAYOUTS.values():
+        (row,) = (line for line in rows if f"`{layout.name}`" in line.split("|")[1])
+        for key in {*layout.keys, *layout.needed, layout.velocities} - {""}:
+            shown = key.removesuffix("Y").removesuffix("Z")
+            assert f"`{key}`" in row or shown in row, (layout.name, key)
+
+
 # --- refused ----------------------------------------------------------------------
 
 

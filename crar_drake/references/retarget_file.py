@@ -18,7 +18,7 @@ from crar_drake.files import check_file
 from crar_drake.motion.catalogue import load_performer, motion_files
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import SIDES
-from crar_drake.motion.planted_feet import without_short
+from crar_drake.motion.planted_feet import lasting
 from crar_drake.motion.quaternion_spline import sign_continuous
 from crar_drake.motion.rates import check_rate
 from crar_drake.motion.report import inspect
@@ -304,7 +304,7 @@ def find_faults(
         if limb != "head"
     } | {"nothing carries the robot": (ground.lowest > _IN_THE_AIR) & ~falls}
     for fault, flags in faults.items():
-        frames = np.flatnonzero(without_short(flags, int(_LASTS * motion.rate) + 1))
+        frames = np.flatnonzero(lasting(flags, int(_LASTS * motion.rate) + 1))
         if len(frames):
             yield f"{fault} in frames {spans(frames)}"
     for jump in find_jumps(motion):

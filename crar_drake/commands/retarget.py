@@ -27,7 +27,6 @@ from crar_drake.commands.output import OUT, counted, final_line, label
 
 if TYPE_CHECKING:
     from crar_drake.references.retarget_file import RetargetedClip
-    from crar_drake.references.retarget_folder import RetargetedRow
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -121,7 +120,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--jobs is for folders")
     from crar_drake.references.certificate_files import certificate_path
     from crar_drake.references.retarget_file import retarget_file
-    from crar_drake.references.retarget_folder import row_of
 
     name = f"{label(arguments.motion)}.csv"
     out = arguments.out or OUT / "retarget" / name
@@ -134,11 +132,11 @@ def run(arguments: argparse.Namespace) -> int:
     for line in _lines(clip):
         print(line)
     if arguments.verbose:
-        for line in clip_lines(clip.cleaned):
+        for line in clip_lines(clip):
             print(line)
     print(out)
     print(certificate_path(out))
-    return final_line(violations_of(row_of(clip)))
+    return final_line(violations_of(clip))
 
 
 def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
@@ -175,7 +173,7 @@ def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
     return report_files(files, _violations, violations_of, out / RETARGETED_TABLE)
 
 
-def _violations(rows: Sequence[RetargetedRow]) -> list[str]:
+def _violations(rows: Sequence[RetargetedClip]) -> list[str]:
     """What motions violate, in a few words each."""
     return [
         *violations(rows),
@@ -184,7 +182,7 @@ def _violations(rows: Sequence[RetargetedRow]) -> list[str]:
     ]
 
 
-def violations_of(row: RetargetedRow) -> list[str]:
+def violations_of(row: RetargetedClip) -> list[str]:
     """What a motion violates, with how deep it is."""
     below = [f"{-1e3 * row.lowest:.0f} mm below the floor"] if row.below else []
     return [*violations([row]), *below, *filter(None, [row.faults])]
@@ -192,25 +190,25 @@ def violations_of(row: RetargetedRow) -> list[str]:
 
 def _lines(clip: RetargetedClip) -> list[str]:
     """How like the person the robot moves, in words."""
-    cleaned = clip.cleaned
     knees = ", ".join(
-        f"{side} {math.degrees(more):+.1f} deg ({math.degrees(most):.1f} deg)"
-        for side, (more, most) in clip.knees.items()
+        f"{side} {math.degrees(more):+.1f} deg"
+        for side, more in (("left", clip.left_knee), ("right", clip.right_knee))
     )
     return [
-        f"read: {cleaned.guessed}",
-        f"{cleaned.frames} frames at {cleaned.rate:g} Hz, {clip.seconds:.1f} s of a "
+        f"read: {clip.guessed}",
+        f"{clip.frames} frames at {clip.rate:g} Hz, {clip.seconds:.1f} s of a "
         f"processor, {clip.times_real_time:.1f} x real time",
         "limbs are off in direction by at most "
         f"{math.degrees(clip.limbs_median):.1f} deg in the median and "
         f"{math.degrees(clip.limbs_most):.1f} deg in 95 % of the frames "
         f"(of all, {clip.farthest.replace('_', ' ')} is the farthest off: "
-        f"{math.degrees(clip.limbs[clip.farthest][1]):.1f} deg)",
-        f"knees bend more than the person's by (median, and 95 %): {knees}",
+        f"{math.degrees(clip.farthest_most):.1f} deg)",
+        f"knees bend more than the person's in the median by: {knees}",
         f"planted feet slip by at most {1e3 * clip.slip:.1f} mm, the lowest point is "
         f"{1e3 * clip.lowest:+z.1f} mm over the floor",
-        "the root accelerates by {:.1f} m/s^2 rms, {:.1f} at most; ".format(*clip.root)
-        + "the person's, scaled, by {:.1f} and {:.1f}".format(*clip.persons_root),
-        f"nearest links {1e3 * cleaned.nearest:.1f} mm apart, on ways between frames "
-        f"at least {1e3 * cleaned.between:.1f} mm",
+        f"the root accelerates by {clip.root:.1f} m/s^2 rms, at most "
+        f"{clip.root_peak:.1f}; the person's, scaled, by {clip.persons_root:.1f} and "
+        f"{clip.persons_root_peak:.1f}",
+        f"nearest links {1e3 * clip.nearest:.1f} mm apart, on ways between frames "
+        f"at least {1e3 * clip.between:.1f} mm",
     ]

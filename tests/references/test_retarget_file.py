@@ -97,7 +97,7 @@ def test_it_is_certified_and_judged(made, capsys):
     assert certificate["reference"] == {"file": "some.amc", "sha256": file_hash(person)}
     skeleton = person.with_suffix(".asf")
     assert certificate["options"]["read with"] == {"some.asf": file_hash(skeleton)}
-    assert not clip.cleaned.violated
+    assert not clip.violated
     for more in ([], ["--certificate"]):
         assert main(["judge", str(out), "--robot", str(robot), *more]) == 0
     assert capsys.readouterr().out.endswith("OK\n")
@@ -106,11 +106,11 @@ def test_it_is_certified_and_judged(made, capsys):
 def test_how_its_root_accelerates_is_said(made, motion, person):
     sizes = np.linalg.norm(np.diff(motion.root_positions, 2, axis=0), axis=1) * RATE**2
     rms = np.sqrt(np.mean(sizes**2))
-    assert made[3].root == pytest.approx((rms, sizes.max()))
+    assert (made[3].root, made[3].root_peak) == pytest.approx((rms, sizes.max()))
     # The person's, by the hips' middle, of his size.
     hips = 0.5 * (person["left_hip"] + person["right_hip"])
     persons = np.linalg.norm(np.diff(hips, 2, axis=0), axis=1) * RATE**2
-    scale = made[3].persons_root[0] / np.sqrt(np.mean(persons**2))
+    scale = made[3].persons_root / np.sqrt(np.mean(persons**2))
     assert 0.5 < scale < 1.2
     assert not made[3].faults
 
@@ -170,8 +170,8 @@ def test_legs_point_where_the_persons_do(made, legs, person):
             off = angles(of_robot, of_person)
             median, most = np.median(off), np.quantile(off, 0.95)
             assert median < np.radians(10.0) and most < np.radians(20.0)
-            said = clip.limbs[f"{side}_{a}-{b}"]
-            np.testing.assert_allclose(said, (median, most), atol=2e-3)
+            # Said is it of the farthest limb, of arms and legs.
+            assert median < clip.limbs_median + 2e-3 and most < clip.limbs_most + 2e-3
 
 
 def test_knees_bend_as_the_persons_do(made, motion, person):
@@ -181,7 +181,8 @@ def test_knees_bend_as_the_persons_do(made, motion, person):
         k = motion.joint_names.index(f"{side}_shank_j")
         more = motion.joint_positions[:, k] - angles(thigh, shank)
         assert abs(np.median(more)) < np.radians(5.0)
-        assert made[3].knees[side][0] == pytest.approx(np.median(more), abs=2e-3)
+        said = getattr(made[3], f"{side}_knee")
+        assert said == pytest.approx(np.median(more), abs=2e-3)
 
 
 def test_elbows_and_knees_stay_on_their_side(motion):
@@ -215,7 +216,7 @@ def test_nothing_is_below_the_floor_and_what_stands_stays(made, legs):
 def test_of_so_few_frames_that_there_are_no_steps(made, tmp_path):
     robot, person, _, _ = made
     clip = retarget_file(person, tmp_path / "one.csv", str(robot), rate=0.1)
-    assert clip.cleaned.frames == 1 and not clip.cleaned.violated
+    assert clip.frames == 1 and not clip.violated
 
 
 def test_how_the_person_was_read_is_said(made, tmp_path, capsys):

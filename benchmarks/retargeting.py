@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.page import Benchmark, Table, run
-from crar_drake.commands.retarget import violations_of
+from crar_drake.commands.clean import violations
 from crar_drake.errors import MotionError
 from crar_drake.references.retarget_file import RetargetedClip, retarget_file
-from crar_drake.references.retarget_folder import row_of
 from crar_drake.robot.description import whole_body_name
 
 HEADER = [
@@ -35,26 +34,23 @@ HEADER = [
 
 def row(motion: str, clip: RetargetedClip) -> list[str]:
     """The figures of a motion."""
-    kept = clip.cleaned
-    beyond = kept.beyond_limit + kept.too_fast
+    beyond = clip.beyond_limit + clip.too_fast
     median, most = map(math.degrees, (clip.limbs_median, clip.limbs_most))
-    knees = " / ".join(f"{math.degrees(more):+.1f}°" for more, _ in clip.knees.values())
+    left, right = map(math.degrees, (clip.left_knee, clip.right_knee))
     return [
         motion,
-        f"{(kept.frames - 1) / kept.rate:.1f} s",
+        f"{(clip.frames - 1) / clip.rate:.1f} s",
         f"{median:.1f}° / {most:.1f}°",
-        knees,
-        "{:.1f} / {:.1f} m/s²".format(*clip.root),
-        " / ".join(
-            f"{of / persons:.2f}"
-            for of, persons in zip(clip.root, clip.persons_root, strict=True)
-        ),
+        f"{left:+.1f}° / {right:+.1f}°",
+        f"{clip.root:.1f} / {clip.root_peak:.1f} m/s²",
+        f"{clip.root / clip.persons_root:.2f} / "
+        f"{clip.root_peak / clip.persons_root_peak:.2f}",
         f"{1e3 * clip.slip:.1f} / {1e3 * clip.leaving:.1f} mm",
         f"{1e3 * clip.lowest:.1f} mm",
-        f"{1e3 * kept.nearest:.1f} / {1e3 * kept.between:.1f} mm",
-        f"{max(kept.meshes_penetrating, 0)} of {kept.frames}",
+        f"{1e3 * clip.nearest:.1f} / {1e3 * clip.between:.1f} mm",
+        f"{max(clip.meshes_penetrating, 0)} of {clip.frames}",
         "kept" if not beyond else f"{beyond} frames beyond",
-        "; ".join(violations_of(row_of(clip))) or "OK",
+        "; ".join(violations([clip])) or "OK",
         f"{clip.times_real_time:.1f}",
     ]
 

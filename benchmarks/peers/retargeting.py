@@ -217,18 +217,17 @@ class Comparison:
         motion: RobotMotion,
         times_real_time: float,
     ) -> Figures:
-        limbs, knees, _ = likeness(self._retargeter, targets, motion)
-        limbs = {limb: off for limb, off in limbs.items() if "-" in limb}
+        off, knees = likeness(self._retargeter, targets, motion)
+        limbs = [by for limb, by in off.items() if "-" in limb]
         verdict = self._judge.judge(motion)
         ground = self._outline.ground_contact(motion, floor=0.0)
         fast = {frame for beyond in verdict.speeds for frame in beyond.frames}
-        medians, most = zip(*limbs.values(), strict=True)
         return Figures(
             motion=name,
             by=by,
-            limb=max(medians),
-            limb_95=max(most),
-            knees=tuple(more for more, _ in knees.values()),
+            limb=float(np.median(limbs, axis=1).max()),
+            limb_95=float(np.quantile(limbs, 0.95, axis=1).max()),
+            knees=tuple(float(np.median(more)) for more in knees.values()),
             slip=max(foot.worst for foot in ground.feet),
             lowest=float(ground.lowest.min()),
             frames=motion.num_frames,

@@ -134,10 +134,11 @@ def changes(
         part, _, amount = entry.strip().partition("=")
         given = re.fullmatch(r"([\d.eE+-]+) *([a-z]*)", amount)
         if part not in parts or part in found:
+            names = " and ".join([", ".join(parts[:-1]), parts[-1]][len(parts) == 1 :])
             such = ",".join(f"{x}=15{next(iter(_UNITS[x]))}" for x in parts)
             raise argparse.ArgumentTypeError(
-                f"{entry.strip()!r}: say once how far {', '.join(parts)} may be off, "
-                f"such as {such}"
+                f"{entry.strip()!r}: say once each how far {names} may be off, such as "
+                f"{such}"
             )
         if given is None or given[2] not in _UNITS[part]:
             units = list(_UNITS[part])

@@ -131,11 +131,11 @@ def run(arguments: argparse.Namespace) -> int:
     for line in _lines(clip):
         print(line)
     if arguments.verbose:
-        for line in clip_lines(clip.cleaned):
+        for line in clip_lines(clip):
             print(line)
     print(out)
     print(certificate_path(out))
-    return final_line(violations([clip.cleaned]))
+    return final_line(violations([clip]))
 
 
 def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
@@ -174,25 +174,25 @@ def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
 
 def _lines(clip: RetargetedClip) -> list[str]:
     """How like the person the robot moves, in words."""
-    cleaned = clip.cleaned
     knees = ", ".join(
-        f"{side} {math.degrees(more):+.1f} deg ({math.degrees(most):.1f} deg)"
-        for side, (more, most) in clip.knees.items()
+        f"{side} {math.degrees(more):+.1f} deg"
+        for side, more in (("left", clip.left_knee), ("right", clip.right_knee))
     )
     return [
-        f"read: {cleaned.guessed}",
-        f"{cleaned.frames} frames at {cleaned.rate:g} Hz, {clip.seconds:.1f} s of a "
+        f"read: {clip.guessed}",
+        f"{clip.frames} frames at {clip.rate:g} Hz, {clip.seconds:.1f} s of a "
         f"processor, {clip.times_real_time:.1f} x real time",
         "limbs are off in direction by at most "
         f"{math.degrees(clip.limbs_median):.1f} deg in the median and "
         f"{math.degrees(clip.limbs_most):.1f} deg in 95 % of the frames "
         f"(of all, {clip.farthest.replace('_', ' ')} is the farthest off: "
-        f"{math.degrees(clip.limbs[clip.farthest][1]):.1f} deg)",
-        f"knees bend more than the person's by (median, and 95 %): {knees}",
+        f"{math.degrees(clip.farthest_most):.1f} deg)",
+        f"knees bend more than the person's in the median by: {knees}",
         f"planted feet slip by at most {1e3 * clip.slip:.1f} mm, the lowest point is "
         f"{1e3 * clip.lowest:+z.1f} mm over the floor",
-        "the root accelerates by {:.1f} m/s^2 rms, {:.1f} at most; ".format(*clip.root)
-        + "the person's, scaled, by {:.1f} and {:.1f}".format(*clip.persons_root),
-        f"nearest links {1e3 * cleaned.nearest:.1f} mm apart, on ways between frames "
-        f"at least {1e3 * cleaned.between:.1f} mm",
+        f"the root accelerates by {clip.root:.1f} m/s^2 rms, at most "
+        f"{clip.root_peak:.1f}; the person's, scaled, by {clip.persons_root:.1f} and "
+        f"{clip.persons_root_peak:.1f}",
+        f"nearest links {1e3 * clip.nearest:.1f} mm apart, on ways between frames "
+        f"at least {1e3 * clip.between:.1f} mm",
     ]

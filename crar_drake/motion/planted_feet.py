@@ -58,6 +58,12 @@ def without_short(flags: np.ndarray, shortest: int) -> np.ndarray:
     for start, end in runs(~flags):
         if end - start < shortest and start > 0 and end < len(flags):
             flags[start:end] = True
+    return lasting(flags, shortest)
+
+
+def lasting(flags: np.ndarray, shortest: int) -> np.ndarray:
+    """Flags without stretches of fewer than `shortest` entries."""
+    flags = flags.copy()
     for start, end in runs(flags):
         if end - start < shortest:
             flags[start:end] = False

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.motion.planted_feet import without_short
+from crar_drake.motion.planted_feet import lasting
 from crar_drake.references.ground_contact import GroundContact
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.smoothness import find_jumps
@@ -71,7 +71,7 @@ def find_faults(
     elif ground.feet:
         z = np.pad(motion.root_positions[:, 2], 1, mode="reflect", reflect_type="odd")
         falls = np.diff(z, 2) * motion.rate**2 < -_FALLS
-        for where in lasting(high & ~falls, motion.rate):
+        for where in where_lasting(high & ~falls, motion.rate):
             yield Fault("nothing carries the robot", where)
     jumps = find_jumps(motion)
     if jumps:
@@ -94,14 +94,14 @@ def find_limbs_off(
         rate: frames per second [Hz].
     """
     for limb, by in off.items():
-        for where in lasting(by > most, rate) if limb != "head" else ():
+        for where in where_lasting(by > most, rate) if limb != "head" else ():
             more = f"by more than {math.degrees(most):g} deg"
             yield Fault(LIMBS_OFF, f"{limb.replace('_', ' ')} {more} in {where}")
 
 
-def lasting(flags: np.ndarray, rate: float) -> Iterator[str]:
+def where_lasting(flags: np.ndarray, rate: float) -> Iterator[str]:
     """Yields in which frames flags (T,) are set for longer than 0.2 s, if any are."""
-    flags = without_short(flags, int(_LASTS * rate) + 1)
+    flags = lasting(flags, int(_LASTS * rate) + 1)
     if flags.any():
         yield in_frames(flags)
 

@@ -43,18 +43,23 @@ RATE = 30.0  # [Hz] that most reference motions have
 CLEANING = CleaningParameters()  # of what was retargeted
 
 
-@dataclass(frozen=True)
-class RetargetedClip:
-    """What became of a person's motion."""
+@dataclass(frozen=True, kw_only=True)
+class RetargetedClip(CleanedClip):
+    """What became of a person's motion; `seconds` are from the file to the certified
+    motion.
 
-    # what cleaning the retargeted motion changed, and what it keeps
-    cleaned: CleanedClip
-    # limb to the angle between its direction and the person's, median and 95 % of the
-    # frames [rad]
-    limbs: dict[str, tuple[float, float]]
-    # side to how much more a knee bends than the person's, in the median (negative:
-    # less), and how far apart they are in 95 % of the frames [rad]
-    knees: dict[str, tuple[float, float]]
+    What it inherits is of the motion before and after cleaning, both the robot's.
+    """
+
+    # of arms and legs, how far the farthest limb is off in direction, in the median
+    # [rad]
+    limbs_median: float
+    limbs_most: float  # and in 95 % of the frames [rad]
+    farthest: str  # of all limbs, the one that is the farthest off
+    farthest_most: float  # by how much it is, in 95 % of the frames [rad]
+    # how much more a knee bends than the person's in the median; negative: less [rad]
+    left_knee: float
+    right_knee: float
     # the longest way that a foot slips in one contact [m]. It is planted while the
     # performer's heel or ball is on the floor, from the first such frame to the last:
     # in the step in which both leave it is not.
@@ -63,31 +68,10 @@ class RetargetedClip:
     # a foot for planted until it is 30 mm high, or fast [m]
     leaving: float
     lowest: float  # the lowest point of all links, over the floor [m]
-    # of the root rms and largest, and of the person's, scaled [m/s^2]
-    root: tuple[float, float]
-    persons_root: tuple[float, float]
-    seconds: float  # of a processor, from the file to the certified motion [s]
-
-    @property
-    def limbs_median(self) -> float:
-        """Of arms and legs, how far off the farthest limb is in the median [rad]."""
-        return max(median for limb, (median, _) in self.limbs.items() if "-" in limb)
-
-    @property
-    def limbs_most(self) -> float:
-        """The same in 95 % of the frames [rad]."""
-        return max(most for limb, (_, most) in self.limbs.items() if "-" in limb)
-
-    @property
-    def farthest(self) -> str:
-        """Of all limbs, the one that is the farthest off in 95 % of the frames."""
-        return max(self.limbs, key=lambda limb: self.limbs[limb][1])
-
-    @property
-    def times_real_time(self) -> float:
-        """How much faster than the motion itself, on one core."""
-        duration = (self.cleaned.frames - 1) / self.cleaned.rate
-        return duration / self.seconds if self.seconds else 0.0
+    root: float  # how the root accelerates, rms [m/s^2],
+    root_peak: float  # and at most [m/s^2]
+    persons_root: float  # and the person's, scaled, rms [m/s^2],
+    persons_root_peak: float  # and at most [m/s^2]
 
 
 @dataclass(frozen=True)
@@ -222,7 +206,7 @@ class FileRetargeter:
             like = likeness(retargeter, found.targets, written)
             likeness_of.extend((written, ground, *like))
             yield from find_faults(written, ground)
-            yield from find_limbs_off(like[2], options.most_off, rate)
+            yield from find_limbs_off(like[0], options.most_off, rate)
 
         (cleaned,) = self._cleaner.clean(
             [made],
@@ -233,21 +217,32 @@ class FileRetargeter:
             judged=judged,
         )
         seconds = time.process_time() - began
-        written, ground, limbs, knees, _ = likeness_of
+        written, ground, off, knees = likeness_of
+        most = {limb: float(np.quantile(by, 0.95)) for limb, by in off.items()}
+        farthest = max(most, key=most.__getitem__)
+        arms_and_legs = [limb for limb in off if "-" in limb]
+        left_knee, right_knee = (float(np.median(knees[side])) for side in SIDES)
+        root, root_peak = root_acceleration(written.root_positions, rate)
+        persons = root_acceleration(found.targets.root_positions, rate)
         planted = {
             f"{side}_foot": foot.on_heel | foot.on_ball
             for side, foot in found.targets.feet.items()
         }
         return RetargetedClip(
-            cleaned,
-            limbs,
-            knees,
-            self._outline.slip_of_planted(written, planted),
-            max((foot.worst for foot in ground.feet), default=0.0),
-            float(ground.lowest.min()),
-            root_acceleration(written.root_positions, rate),
-            root_acceleration(found.targets.root_positions, rate),
-            seconds,
+            **asdict(replace(cleaned, seconds=seconds)),
+            limbs_median=max(float(np.median(off[limb])) for limb in arms_and_legs),
+            limbs_most=max(most[limb] for limb in arms_and_legs),
+            farthest=farthest,
+            farthest_most=most[farthest],
+            left_knee=left_knee,
+            right_knee=right_knee,
+            slip=self._outline.slip_of_planted(written, planted),
+            leaving=max((foot.worst for foot in ground.feet), default=0.0),
+            lowest=float(ground.lowest.min()),
+            root=root,
+            root_peak=root_peak,
+            persons_root=persons[0],
+            persons_root_peak=persons[1],
         )
 
 
@@ -275,13 +270,9 @@ def _check_place(out: Path) -> None:
 
 def likeness(
     retargeter: Retargeter, targets: PerformerTargets, motion: RobotMotion
-) -> tuple[
-    dict[str, tuple[float, float]],
-    dict[str, tuple[float, float]],
-    dict[str, np.ndarray],
-]:
-    """How like the person a robot moves: `limbs` and `knees` of a `RetargetedClip`, and
-    limb to (T,) how far it is off [rad].
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """How like the person a robot moves: limb to (T,) how far its direction is off, and
+    side to (T,) how much more its knee bends [rad].
 
     Args:
         retargeter: of the robot.
@@ -303,17 +294,14 @@ def likeness(
         )
     )
     off = {limb: _angles(ways[limb], way) for limb, way in targets.directions.items()}
-    limbs = {
-        limb: (float(np.median(by)), float(np.quantile(by, 0.95)))
-        for limb, by in off.items()
-    }
     knees = {}
     for side in SIDES:
         pair = f"{side}_hip-knee", f"{side}_knee-ankle"
-        bend = _angles(*(ways[limb] for limb in pair))
-        more = bend - _angles(*(targets.directions[limb] for limb in pair))
-        knees[side] = float(np.median(more)), float(np.quantile(np.abs(more), 0.95))
-    return limbs, knees, off
+        of_robot, of_person = (
+            _angles(*(of[limb] for limb in pair)) for of in (ways, targets.directions)
+        )
+        knees[side] = of_robot - of_person
+    return off, knees
 
 
 def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 from math import degrees
 from pathlib import Path
@@ -14,7 +14,6 @@ from crar_drake.errors import CrarError
 from crar_drake.motion.catalogue import MOTION_SUFFIXES
 from crar_drake.motion.robots_own import holds_reference
 from crar_drake.references.certificate_files import SUFFIX
-from crar_drake.references.clean_file import CleanedClip
 from crar_drake.references.clean_folder import LEFT
 from crar_drake.references.folder_page import Figure
 from crar_drake.references.folders import (
@@ -47,29 +46,6 @@ FIGURES = (
     Figure("the person's [m/s²]", lambda r: r.persons_root, 1),
     *LEFT,
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class RetargetedRow(CleanedClip):
-    """What became of a person's motion, in one line; `seconds` are of all.
-
-    What it inherits is of the motion before and after cleaning, both the robot's.
-    """
-
-    # of arms and legs, how far the farthest limb is off in direction, in the median
-    # [rad]
-    limbs_median: float
-    limbs_most: float  # and in 95 % of the frames [rad]
-    farthest_most: float  # of all limbs, in 95 % of the frames [rad]
-    left_knee: float  # how much more it bends than the person's in the median [rad]
-    right_knee: float  # and how much the right one [rad]
-    slip: float  # the longest way that a planted foot slips [m]
-    lowest: float  # the lowest point of all links, over the floor [m]
-    root: float  # how it accelerates, rms [m/s^2],
-    root_peak: float  # and at most [m/s^2]
-    persons_root: float  # and the person's, scaled, rms [m/s^2]
-    persons_root_peak: float  # and at most [m/s^2]
-    farthest: str  # that limb
 
 
 def find_people(folder: Path) -> list[Path]:
@@ -109,7 +85,7 @@ def retarget_folder(
 ) -> list[FileResult]:
     """Retargets each file of a folder into the same place below `out`.
 
-    `out`/retargeted.csv has a `RetargetedRow` for each, and retargeted.html shows them.
+    `out`/retargeted.csv has a `RetargetedClip` for each; retargeted.html shows them.
 
     Args:
         folder: with people's motions in it or below; of an AMC with its ASF beside it.
@@ -127,12 +103,12 @@ def retarget_folder(
     suffix = layout_named(given.layout).suffix
     work = FolderWork(
         table=RETARGETED_TABLE,
-        row=RetargetedRow,
+        row=RetargetedClip,
         places={
             path: (out / path.relative_to(folder)).with_suffix(suffix)
             for path in find_people(folder)
         },
-        begin=partial(_RowOfFile, robot, given),
+        begin=partial(_ClipsOfFile, robot, given),
         figures=FIGURES,
         note=lambda row: row.deepest or row.faults or f"farthest off: {row.farthest}",
         robot=robot,
@@ -144,31 +120,11 @@ def retarget_folder(
     )
 
 
-class _RowOfFile:
-    """From a file and its place to its row; made as a `FileRetargeter` is."""
+class _ClipsOfFile:
+    """From a file and its place to what became of it; made as a `FileRetargeter` is."""
 
     def __init__(self, robot: str, options: RetargetOptions) -> None:
         self._retargeter = FileRetargeter(robot, options)
 
-    def __call__(self, motion: Path, out: Path) -> Sequence[RetargetedRow]:
-        return [row_of(self._retargeter(motion, out))]
-
-
-def row_of(clip: RetargetedClip) -> RetargetedRow:
-    """What a table has of a motion."""
-    of_cleaning = asdict(clip.cleaned) | {"seconds": clip.seconds}
-    return RetargetedRow(
-        **of_cleaning,
-        limbs_median=clip.limbs_median,
-        limbs_most=clip.limbs_most,
-        farthest_most=clip.limbs[clip.farthest][1],
-        left_knee=clip.knees["left"][0],
-        right_knee=clip.knees["right"][0],
-        slip=clip.slip,
-        lowest=clip.lowest,
-        root=clip.root[0],
-        root_peak=clip.root[1],
-        persons_root=clip.persons_root[0],
-        persons_root_peak=clip.persons_root[1],
-        farthest=clip.farthest,
-    )
+    def __call__(self, motion: Path, out: Path) -> Sequence[RetargetedClip]:
+        return [self._retargeter(motion, out)]

@@ -377,7 +377,7 @@ class Keeper:
         return replace(problem, near_rows=near_rows, num_rows=count)
 
     def _lay_chords(self, y: np.ndarray, violating: np.ndarray) -> np.ndarray:
-        """Leads the motion past what violates something on straight ways that are
+        """Leads the joints past what violates something on straight ways that are
         clear, from a frame before to a frame after: the side of an obstacle on which
         the robot stays is not the reference's then.
 
@@ -399,7 +399,7 @@ class Keeper:
                 if violating[ends].any() or not self._is_way(q[ends], b - a):
                     continue
                 share = np.linspace(0.0, 1.0, b - a + 1)[1:-1, None]
-                y[a + 1 : b] = (1.0 - share) * y[ends[0]] + share * y[ends[-1]]
+                q[a + 1 : b] = (1.0 - share) * q[ends[0]] + share * q[ends[-1]]
                 changed[a + 1 : b] = True
                 break
         return changed

@@ -27,7 +27,7 @@ from crar_drake.errors import ModelError
 from crar_drake.law.compilation import compiled
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
-from crar_drake.motion.planted_feet import runs, without_short
+from crar_drake.motion.planted_feet import lasting, runs
 from crar_drake.motion.smooth_steps import smooth_flags
 from crar_drake.robot.description import RobotDescription, find_body, find_frame
 from crar_drake.robot.model import ControlModel
@@ -603,7 +603,7 @@ class PersonTasks:
         far = off > 2.0 * np.sin(0.5 * _ASTRAY)  # of unit vectors
         far &= np.array([limb != "head" for limb in self._targets.directions])
         shortest = int(_ASTRAY_FOR * self._targets.rate) + 1
-        return np.any([without_short(flags, shortest) for flags in far.T], axis=0)
+        return np.any([lasting(flags, shortest) for flags in far.T], axis=0)
 
     def slip(self, y: np.ndarray) -> float:
         """By how much more than `MOST_SLIP` feet slip, all their contacts together [m].

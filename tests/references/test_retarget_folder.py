@@ -19,7 +19,6 @@ from crar_drake.references.retarget_file import retarget_file
 from crar_drake.references.retarget_folder import (
     find_people,
     retarget_folder,
-    row_of,
 )
 
 RATE = 15.0
@@ -91,9 +90,7 @@ def test_each_file_has_its_row_or_why_it_failed(places, tmp_path):
     assert "damaged.bvh" in rows["damaged.bvh"]["error"]
     motions = find_references(tmp_path / "out")
     assert [p.name for p in motions] == ["two.csv", "one.csv"]
-    alone = row_of(
-        retarget_file(people / "one.amc", tmp_path / "a.csv", str(robot), rate=RATE)
-    )
+    alone = retarget_file(people / "one.amc", tmp_path / "a.csv", str(robot), rate=RATE)
     (row,) = files[3].clips
     assert (tmp_path / "a.csv").read_bytes() == motions[1].read_bytes()
     assert row.frames == int(rows["one.amc"]["frames"]) == alone.frames == 8

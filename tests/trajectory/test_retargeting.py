@@ -16,10 +16,17 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory import retargeting
 from crar_drake.trajectory.body_points import ROOT, Placed
 from crar_drake.trajectory.distance_rows import no_rows
-from crar_drake.trajectory.performer_targets import FootTarget, performer_targets
+from crar_drake.trajectory.optimiser import spread
+from crar_drake.trajectory.performer_targets import (
+    LIMBS,
+    FootTarget,
+    performer_targets,
+)
 from crar_drake.trajectory.retargeting import (
     MOST_SLIP,
+    PersonTasks,
     Retargeter,
+    bridged,
 )
 
 RATE = 15.0
@@ -175,6 +182,53 @@ def test_what_was_solved_before_changes_nothing(tmp_path, robot):
     assert meshes.asked == asked > 0
     np.testing.assert_array_equal(again.q, first.q)
     np.testing.assert_array_equal(again.root_positions, first.root_positions)
+
+
+def test_the_root_accelerates_as_the_persons(tmp_path, robot):
+    """Root mean squares of second differences, of the scaled path and the robot's."""
+    performer = load_performer(short_amc(tmp_path, "some", 121, of="exercise"))
+    found = robot.retarget(performer, 30.0)
+    rms, persons = (
+        np.sqrt(np.mean(np.sum((900.0 * np.diff(p, 2, axis=0)) ** 2, axis=1)))
+        for p in (found.root_positions, found.targets.root_positions)
+    )
+    assert persons > 0.2 and rms < 1.3 * persons
+
+
+def test_what_lasts_went_astray(robot, targets):
+    """Limbs where they are wanted, but an arm that is turned for some frames."""
+    frames = 30
+    y = np.tile(unknowns(robot, 1), (frames, 1))
+    y[:, :ROOT] = 0.0
+    root = np.zeros((frames, 3)), np.tile(robot._base[1], (frames, 1, 1))
+    ends = [LIMBS[limb][1] for limb in targets.directions]
+    ways = robot.ways(*root, y[:, ROOT:], ends)
+    directions = {
+        limb: way / np.linalg.norm(way, axis=1)[:, None]
+        for limb, way in zip(targets.directions, ways, strict=True)
+    }
+    there = {
+        "root_positions": root[0],
+        "root_rotations": root[1],
+        "directions": directions,
+        "feet": {
+            side: FootTarget(
+                *(x[:frames] for x in (foot.heel, foot.ball)),
+                *(x[:frames] for x in (foot.on_heel, foot.on_ball, foot.heights)),
+            )
+            for side, foot in targets.feet.items()
+        },
+        "hands": {},
+    }
+    tasks = PersonTasks(robot, replace(targets, **there))
+    assert not tasks.astray(y).any()
+    k = list(robot.model.joint_names).index("left_fore_arm_j")
+    y[10:20, ROOT + k] -= 1.2
+    y[25, ROOT + k] -= 1.2
+    assert np.flatnonzero(tasks.astray(y)).tolist() == list(range(10, 20))
+    straight = bridged(y, spread(tasks.astray(y), 1))
+    np.testing.assert_allclose(straight[:25], np.tile(y[:1], (25, 1)))
+    np.testing.assert_array_equal(straight[25:], y[25:])
 
 
 def test_a_link_that_is_called_like_another_ones_point(tmp_path, robot):

@@ -150,13 +150,16 @@ _RATE = (lambda value: _is_number(value) and can_be_rate(value), "no rate")
 _RATE_IF_ANY = (lambda value: value is None or _RATE[0](value), "no rate")
 _LAYOUT = (lambda value: isinstance(value, str) and value in LAYOUTS, "no layout")
 _OBJECT = (lambda value: isinstance(value, dict), "no object")
-_PAIR = (
-    lambda value: (
-        isinstance(value, list)
-        and len(value) == 2
-        and all(isinstance(link, str) for link in value)
-    ),
-    "no pair of links",
+_PAIR, _FAULT = (
+    (
+        lambda value: (
+            isinstance(value, list)
+            and len(value) == 2
+            and all(isinstance(text, str) for text in value)
+        ),
+        what,
+    )
+    for what in ("no pair of links", "no fault and where it is")
 )
 _OF_MESHES = {"at_frames": [_NUMBER], "on_ways": [_NUMBER]}
 _MESHES = (
@@ -185,7 +188,7 @@ _FORM = {
             },
             "smallest": _OBJECT,
             "meshes": _MESHES,
-            "faults": [[_TEXT]],
+            "faults": [_FAULT],
             "left_as_it_was": [_TEXT],
         }
     ],

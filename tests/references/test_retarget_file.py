@@ -21,10 +21,11 @@ from crar_drake.references.certificate_files import (
     read_certificate,
 )
 from crar_drake.references.clean_file import clean_file
-from crar_drake.references.ground_contact import GroundContact
+from crar_drake.references.faults import find_faults
+from crar_drake.references.ground_contact import FootSlip, GroundContact
 from crar_drake.references.motion_certificate import check_certificate
 from crar_drake.references.motion_files import read_motion
-from crar_drake.references.retarget_file import find_faults, retarget_file
+from crar_drake.references.retarget_file import retarget_file
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 
@@ -129,14 +130,17 @@ def test_a_share_of_the_ranges_is_all_that_is_used(made, tmp_path, capsys):
     capsys.readouterr()
     assert main([*arguments, "--at-most", "limbs=0.1deg"]) == 1
     last = capsys.readouterr().out.splitlines()[-1]
-    assert re.match(r"VIOLATED: .* is off by more than 0.1 deg in frames 1-16", last)
+    assert re.match(r"VIOLATED: .* by more than 0.1 deg in frames 1-16", last)
+    assert main(["judge", str(out), "--robot", str(robot), "--no-meshes"]) == 1
+    assert "VIOLATED: limbs off" in capsys.readouterr().out
 
 
 def test_what_nothing_carries_falls(motion):
     """Held up for a second; thrown; and where it jumps."""
     t = np.arange(motion.num_frames) / RATE
     up = np.array([0.0, 0.0, 1.0])
-    ground = GroundContact(np.where(t < 1.0, 0.5, 0.0), ("",) * len(t), 0.0, ())
+    foot = FootSlip("left_foot", t < 0.0, 0, 0.0, np.zeros(0), 0.0, None, None, 0.0)
+    ground = GroundContact(np.where(t < 1.0, 0.5, 0.0), ("",) * len(t), 0.0, (foot,))
 
     def faults(height):
         root = np.ones((len(t), 1)) * [0.0, 0.0, 1.0] + height[:, None] * up
@@ -145,13 +149,12 @@ def test_what_nothing_carries_falls(motion):
         moved = replace(
             moved, root_quaternions=np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
         )
-        return list(find_faults({}, 1.0, moved, ground))
+        return list(map(str, find_faults(moved, ground)))
 
-    assert faults(0.0 * t) == ["nothing carries the robot in frames 1-30"]
+    assert faults(0.0 * t) == ["nothing carries the robot: frames 1-30"]
     assert faults(-4.9 * t**2) == []
-    assert faults(np.where(t > 1.5, 0.3, 0.0))[1:] == [
-        "root position jumps to frame 47"
-    ]
+    jumps = faults(np.where(t > 1.5, 0.3, 0.0))[1:]
+    assert jumps == ["jumps: root position to frame 47"]
 
 
 def test_cleaning_it_changes_nothing(made, tmp_path):

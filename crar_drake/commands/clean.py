@@ -234,7 +234,7 @@ def _options(arguments: argparse.Namespace) -> dict:
 
 def violations(clips: Sequence[CleanedClip]) -> list[str]:
     """What motions still violate, in a few words each."""
-    unclear = sum(not c.between >= 0.0 or c.meshes_unclear > 0 for c in clips)
+    unclear = sum(c.unclear > 0 or c.meshes_unclear > 0 for c in clips)
     return [
         *counted(sum(c.penetrating for c in clips), "frame", "penetrate{s}"),
         *counted(sum(c.beyond_limit for c in clips), "frame", "beyond a joint limit"),
@@ -344,7 +344,7 @@ def clip_lines(clip: CleanedClip) -> list[str]:
             f"meshes penetrate in {clip.meshes_penetrating} frames; crar-drake judge "
             "tells of which links"
         )
-    if not clip.between >= 0.0:
+    if clip.unclear:
         lines.append("a way between frames is not shown to be clear")
     if clip.meshes_unclear > 0:
         lines.append(

@@ -190,6 +190,7 @@ _FORM = {
             "meshes": _MESHES,
             "faults": [_FAULT],
             "left_as_it_was": [_TEXT],
+            "excused": [_WHOLE],
         }
     ],
 }

@@ -43,6 +43,9 @@ from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.uncovered import Uncovered
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import LIMIT_TOLERANCE, load_robot_description
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
+from crar_drake.trajectory.keeping import Keeper
 from crar_drake.trajectory.margins import Margins
 
 # What is wrong with a motion that was written.
@@ -60,7 +63,10 @@ class CleanedClip(Change):
     frames: int  # T
     rate: float  # [Hz]
     penetrating_before: int  # frames with watched capsules in penetration
-    penetrating: int  # and after cleaning
+    # and after cleaning: with those of pairs of which meshes do not decide
+    penetrating: int
+    # frames in which these do, or are not shown to be clear on the way to the next
+    unclear: int
     beyond_limit_before: int  # frames with a joint beyond its limit
     beyond_limit: int  # and after
     too_fast_before: int  # frames from which a joint goes on beyond its speed limit
@@ -69,8 +75,8 @@ class CleanedClip(Change):
     nearest: float  # and after [m]
     between: float  # no distance on the straight ways between frames is smaller [m]
     changed: int  # frames with a joint that is not where the reference has it
-    # frames that keep less than the floor, at them or on the way to the next; those
-    # that penetrate among them
+    # frames that keep less than the floor, at them or on the way to the next, of pairs
+    # of which meshes do not decide; those that penetrate among them
     near: int
     # frames that stand still on the way to the next while the reference moves
     frozen: int
@@ -108,11 +114,10 @@ class CleanedClip(Change):
         """Whether anything is violated, a way between frames is not shown to be clear,
         something is wrong that was not before, or it changed by more than was
         allowed."""
-        left = self.penetrating or self.beyond_limit or self.too_fast
+        shapes = self.penetrating or self.unclear
         meshes = self.meshes_penetrating > 0 or self.meshes_unclear > 0
-        return bool(left or meshes or self.exceeded or self.faults) or not (
-            self.between >= 0.0
-        )
+        limits = self.beyond_limit or self.too_fast
+        return bool(shapes or meshes or limits or self.exceeded or self.faults)
 
 
 def clean_file(
@@ -289,6 +294,7 @@ class MotionCleaner:
         self._outline = Outline(robot)
         self._meshes = self.uncovered.meshes if part_meshes else None
         self._cleaners: dict[float, Cleaner] = {}
+        self._certified: dict[float, Keeper] = {}
 
     def _of_rate(self, rate: float) -> Cleaner:
         if rate not in self._cleaners:
@@ -356,7 +362,10 @@ class MotionCleaner:
             ):
                 cleaner = self._of_rate(after.rate)
                 margins = [_margins(motion, cleaner) for motion in (before, after)]
-                meshes = self.uncovered.look_at(after)
+                meshes, kept = self.uncovered.look_at(after), margins[1]
+                if meshes is not None:
+                    of_shapes = self._of_shapes(cleaner)
+                    kept = of_shapes.margins(_controlled(after, cleaner))
                 up = before.root_positions + [0.0, 0.0, rise]
                 raised_before = replace(before, root_positions=up)
                 if judged is None:
@@ -364,9 +373,12 @@ class MotionCleaner:
                     faults, left = left_as_it_was(*both)
                 else:
                     faults, left = list(judged(after)), []
-                of_clip = after.clip, after.rate, margins[1], meshes, faults, left
-                clips.append(CertifiedClip(*of_clip))
-                row = _row(raised_before, after, margins, meshes, cleaner, robot)
+                unclear = _unclear(margins[1])
+                excused = unclear & ~_unclear(kept)
+                of_clip = after.clip, after.rate, margins[1], meshes, excused
+                clips.append(CertifiedClip(*of_clip, faults, left))
+                of_row = raised_before, after, [*margins, kept], meshes, cleaner
+                row = _row(*of_row, robot, self.uncovered.by_shapes)
                 slowed = before.duration - first.duration
                 row = replace(
                     row,
@@ -393,6 +405,18 @@ class MotionCleaner:
             certificate["options"] = options
             write_certificate(folder / place.name, certificate)
         return rows
+
+    def _of_shapes(self, cleaner: Cleaner) -> Keeper:
+        """What is kept of the pairs of which meshes do not decide."""
+        if cleaner.rate not in self._certified:
+            description = replace(
+                self._robot.description, root="fixed", pairs=self.uncovered.by_shapes
+            )
+            tasks = [Task(frame=next(iter(description.task_frames), "world"))]
+            model = ControlModel.FromDescription(description, tasks)
+            of = cleaner.keeper.floor, cleaner.keeper.floor_between
+            self._certified[cleaner.rate] = Keeper(model, cleaner.rate, *of)
+        return self._certified[cleaner.rate]
 
     def _faults(self, motion: RobotMotion) -> list[Fault]:
         return list(find_faults(motion, self._outline.ground_contact(motion)))
@@ -447,8 +471,12 @@ def _columns(motion: RobotMotion, cleaner: Cleaner) -> list[int]:
 
 
 def _margins(motion: RobotMotion, cleaner: Cleaner) -> Margins:
-    q = np.ascontiguousarray(motion.joint_positions[:, _columns(motion, cleaner)])
-    return cleaner.margins(q)
+    return cleaner.margins(_controlled(motion, cleaner))
+
+
+def _controlled(motion: RobotMotion, cleaner: Cleaner) -> np.ndarray:
+    """(T, n) its joints, in the cleaner's order [rad or m]."""
+    return np.ascontiguousarray(motion.joint_positions[:, _columns(motion, cleaner)])
 
 
 def _row(
@@ -458,15 +486,17 @@ def _row(
     meshes: MeshClearance | None,
     cleaner: Cleaner,
     robot: WholeBody,
+    by_shapes: Sequence[Sequence[str]],
 ) -> CleanedClip:
     change = after.joint_positions - before.joint_positions
-    was, now = margins
+    was, now, kept = margins
     return CleanedClip(
         clip=after.clip,
         frames=after.num_frames,
         rate=after.rate,
         penetrating_before=_count(was.distance < 0.0),
-        penetrating=_count(now.distance < 0.0),
+        penetrating=_count(kept.distance < 0.0),
+        unclear=_count(_unclear(kept)),
         beyond_limit_before=_count(was.limit < -LIMIT_TOLERANCE),
         beyond_limit=_count(now.limit < -LIMIT_TOLERANCE),
         too_fast_before=_count(was.speed > 1.0 + 1e-6),
@@ -477,23 +507,29 @@ def _row(
         changed=_count(np.abs(change).max(axis=1) > _CHANGED),
         **asdict(find_change(before, after, robot)),
         near=_count(
-            (now.distance < cleaner.parameters.floor)
-            | (now.between < cleaner.parameters.floor_between)
+            (kept.distance < cleaner.parameters.floor)
+            | (kept.between < cleaner.parameters.floor_between)
         ),
         frozen=_count(find_frozen(before, after)),
         meshes_penetrating=-1 if meshes is None else meshes.num_touching,
         meshes_unclear=-1 if meshes is None else meshes.num_unclear,
-        deepest=_deepest(now, cleaner),
+        deepest=_deepest(kept, by_shapes),
         guessed="; ".join(before.guesses),
     )
 
 
-def _deepest(margins: Margins, cleaner: Cleaner) -> str:
+def _unclear(margins: Margins) -> np.ndarray:
+    """(T,) frames in which shapes penetrate, or are not shown to be clear on the way to
+    the next."""
+    return (margins.distance < 0.0) | ~(margins.between >= 0.0)
+
+
+def _deepest(margins: Margins, pairs: Sequence[Sequence[str]]) -> str:
     frame = int(margins.distance.argmin())
     depth = -margins.distance[frame]
     if not depth > 0.0:
         return ""
-    a, b = cleaner.description.pairs[margins.pair[frame]]
+    a, b = pairs[margins.pair[frame]]
     return f"frame {frame + 1}: {a} - {b}, {1e3 * depth:.1f} mm deep"
 
 

@@ -179,9 +179,11 @@ class Cleaner:
             progress: is called with the number of frames that are done.
         """
         problem = self._problem(reference, root_rotations, carries)
-        return Cleaned(
-            *self.keeper.keep(problem, reference, progress=progress, meshes=self.meshes)
+        decide = None if self.meshes is None else self.meshes.pairs
+        found = self.keeper.keep(
+            problem, reference, None, progress, meshes=self.meshes, decide=decide
         )
+        return Cleaned(*found)
 
     def _problem(self, reference, root_rotations, carries) -> Problem:
         p, model = self.parameters, self.model

@@ -9,7 +9,7 @@ these.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -54,6 +54,9 @@ class CertifiedClip:
     rate: float  # frames per second [Hz]
     margins: Margins  # what it keeps
     meshes: MeshClearance | None  # what the meshes keep; None where none were looked at
+    # (T,) frames, or ways from them, at which shapes about links that are too near do
+    # not matter: their meshes are not
+    excused: np.ndarray
     faults: Sequence[Fault]  # what else is wrong with it,
     left: Sequence[Fault]  # and what was so before, and left as it was
 
@@ -89,7 +92,8 @@ def make_certificate(
         },
         "checked": {
             "distance": "watched pairs by their capsules and spheres [m]; between: a "
-            "bound for the straight way in joint space to the next frame",
+            "bound for the straight way in joint space to the next frame; of pairs of "
+            "mesh_pairs excused at some frames, counted from 0, where meshes decide",
             "limit": "to the nearest joint limit [rad or m]",
             "speed": "largest share of a joint's speed limit to the next frame",
             "floor": floor,
@@ -198,7 +202,9 @@ def check_certificate(
                     f"the motion is of {each.rate:g} Hz, and it says "
                     f"{claimed['rate']:g}"
                 )
-            _check_clip(check, claimed, each, robot, referee)
+            covered = set() if judge is None else certificate["mesh_pairs"]
+            covered = {frozenset(pair) for pair in covered}
+            _check_clip(check, claimed, each, robot, referee, covered)
             if judge is not None:
                 said = certificate["mesh_pairs"]
                 _check_meshes(check, claimed["meshes"], said, each, robot, judge)
@@ -324,8 +330,16 @@ def _check_clip(
     motion: RobotMotion,
     robot: WholeBody,
     referee: Referee,
+    covered: Collection[frozenset[str]],
 ) -> None:
-    """Adds what one motion's claims and the referee's findings are."""
+    """Adds what one motion's claims and the referee's findings are.
+
+    Args:
+        check: it is added to.
+        claimed: of the motion.
+        motion, robot, referee: it, and its.
+        covered: pairs whose meshes are looked at, and decide where that is claimed.
+    """
     claims, joints = claimed["frames"], motion.joint_positions
     bounds = {
         name: np.asarray(claims[name], dtype=float)
@@ -344,10 +358,12 @@ def _check_clip(
     if not numbers.all():
         check.refuted.append(f"frame {numbers.argmin() + 1}: a claim is no number")
         return
-    if bounds["between"].min() < 0.0:
+    excused = np.isin(np.arange(len(joints)), claimed["excused"])
+    unclear = np.where(excused, np.inf, bounds["between"])
+    if unclear.min() < 0.0:
         check.refuted.append(
-            f"the way from frame {bounds['between'].argmin() + 1} to the next is not "
-            "shown to be clear"
+            f"the way from frame {unclear.argmin() + 1} to the next is not shown to be "
+            "clear"
         )
     q = robot.configurations(joints)
     limit = np.minimum(joints - robot.lower, robot.upper - joints).min(axis=1)
@@ -371,14 +387,15 @@ def _check_clip(
     check.limit = min(check.limit, float(limit.min()))
     check.speed = max(check.speed, float(speed.max()))
     for k in range(len(q)):
-        _check_frame(check, k, q[k : k + 2], bounds, referee)
+        decide = covered if excused[k] else ()
+        _check_frame(check, k, q[k : k + 2], bounds, referee, decide)
     summary = _summary(claims, referee.pairs)
     if claimed["smallest"] != summary["smallest"]:
         check.refuted.append("'smallest' is not what its frames say")
 
 
-def _check_frame(check, k: int, ends, bounds, referee: Referee) -> None:
-    """A frame, and points on the way to the next."""
+def _check_frame(check, k: int, ends, bounds, referee: Referee, decide) -> None:
+    """A frame, and points on the way to the next; of some pairs meshes decide."""
     points = [(0.0, bounds["distance"][k])]
     if len(ends) > 1:
         inner = np.linspace(0.0, 1.0, _BETWEEN + 2)[1:-1]
@@ -396,6 +413,11 @@ def _check_frame(check, k: int, ends, bounds, referee: Referee) -> None:
                 f"frame {k + 1}{' and the next' if u else ''}: {pair[0]} - {pair[1]} "
                 f"are {1e3 * d:.3f} mm apart, claimed {1e3 * claim:.3f} mm"
             )
+        elif d < 0.0 and frozenset(pair) in decide:
+            others = referee.distances_below(q, 0.0)
+            others = {frozenset(referee.pairs[other]) for other in others}
+            for a, b in map(sorted, others.difference(decide)):
+                check.refuted.append(f"frame {k + 1}: {a} - {b} penetrate")
         elif d < 0.0:
             check.refuted.append(
                 f"frame {k + 1}: {pair[0]} - {pair[1]} penetrate by {-1e3 * d:.3f} mm"
@@ -418,6 +440,7 @@ def _clip(each: CertifiedClip, pairs: Sequence[Sequence[str]]) -> dict:
         "meshes": _meshes(each.meshes),
         "faults": [list(fault) for fault in each.faults],
         "left_as_it_was": [fault.kind for fault in each.left],
+        "excused": np.flatnonzero(each.excused).tolist(),
     }
     return {**of_motion, **summary, "frames": frames}
 

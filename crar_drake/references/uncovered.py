@@ -63,8 +63,15 @@ class Uncovered:
             self.meshes = ClearanceOfMeshes(robot)
             not_of = self.meshes.meshes.not_of
             pairs = not_of.as_built + not_of.beyond_root
-        watched = {frozenset(pair) for pair in robot.description.pairs}
+        self._watched = robot.description.pairs
+        watched = {frozenset(pair) for pair in self._watched}
         self.pairs = [pair for pair in pairs if frozenset(pair) not in watched]
+
+    @property
+    def by_shapes(self) -> list[list[str]]:
+        """Watched pairs of which the shapes about their links decide: meshes do not."""
+        meshes = {frozenset(pair) for pair in self.mesh_pairs}
+        return [list(p) for p in self._watched if frozenset(p) not in meshes]
 
     @property
     def mesh_pairs(self) -> list[tuple[str, str]]:

@@ -9,9 +9,10 @@ to the next are found (`margins`). Where they are too small, more is asked for, 
 small window is solved again; where that does not help, from a clear straight way that
 leads past it. What stays violated is reported.
 
-Last, the meshes of links are asked. Where some touch, rows of their nearest points are
-added, and a small window is solved again. Where that parts nothing, the motion is left
-as it was.
+The meshes of links decide: a stretch of frames in which only the shapes about them are
+too near is left as it is, if no meshes touch there. Last, the meshes are asked again.
+Where some touch, rows of their nearest points are added, and a small window is solved
+again. Where that parts nothing, the motion is left as it was.
 """
 
 from __future__ import annotations
@@ -146,6 +147,10 @@ class Keeper:
             )
         )
         self.room = np.zeros(self.num_rows)
+        # (T,) frames in which the distances of pairs that meshes cover do not count, or
+        # None; and (num_rows,) those that meshes cover.
+        self._excused: np.ndarray | None = None
+        self._covered = np.zeros(self.num_rows, dtype=bool)
         # What was asked last is often asked again. None is equal to nothing.
         self._last: tuple[np.ndarray | None, Margins | None] = None, None
 
@@ -173,6 +178,9 @@ class Keeper:
                 whole, asked + look, self.room, first_joint, self.model.robot
             )
         )
+        if self._excused is not None:
+            some = self._excused[at.frame[rows.sample]] & self._covered[rows.row]
+            rows = NearRows(*(x[~some] for x in rows))
         return rows._replace(d=rows.d - asked[rows.sample] - self.room[rows.row])
 
     def found_without_rows(
@@ -231,6 +239,7 @@ class Keeper:
         progress: Callable[[int], None] | None = None,
         also: np.ndarray | None = None,
         meshes: Meshes | None = None,
+        decide: Sequence[tuple[str, str]] | None = None,
     ) -> tuple[np.ndarray, np.ndarray, Effort]:
         """The motion at its minimum where it was changed.
 
@@ -241,6 +250,7 @@ class Keeper:
             progress: is called with the number of frames that are done.
             also: (T,) frames that are solved even if they violate nothing.
             meshes: are parted as well.
+            decide: pairs of links that meshes decide of; by default of none.
 
         Returns:
             (T, m) the motion; (T,) frames that still violate something, at them or on
@@ -249,7 +259,9 @@ class Keeper:
         frames, y = len(y), y.copy()
         q = self._joints(y)
         problem = _within(problem)
-        margins = self.margins(q)
+        margins, self._excused = self.margins(q), None
+        if meshes is not None and decide is not None:
+            self._let_decide(margins, meshes.touching(q).any(axis=0), decide)
         violating = self._violating(margins) | _below(problem, y, self.floor)
         if also is not None:
             violating |= also
@@ -265,6 +277,34 @@ class Keeper:
         if meshes is not None:
             self._part_meshes(problem, meshes, y, state)
         return y, self._violating(state.margins), state.effort
+
+    def _let_decide(
+        self,
+        margins: Margins,
+        touching: np.ndarray,
+        pairs: Sequence[tuple[str, str]],
+    ) -> None:
+        """Excuses stretches of frames in which shapes about links are too near, and no
+        meshes touch (T,), beyond the windows about what is violated."""
+        covered = {frozenset(pair) for pair in pairs}
+        of_pairs = [frozenset(pair) in covered for pair in self.model.pairs.names]
+        of_pairs = np.array(of_pairs, dtype=bool)
+        self._covered = of_pairs[self.model.pairs.pair_of_shapes]
+        excused = self._near(margins) & of_pairs[margins.pair]
+        violated = (self._violating(margins) & ~excused) | touching
+        around, before = round(_AROUND * self.rate), -1
+        while before != violated.sum():
+            before, windows = violated.sum(), spread(violated, around)
+            for start, end in _runs(excused):
+                if windows[start:end].any():
+                    violated[start:end] = True
+        self._excused = excused & ~violated
+
+    def _near(self, margins: Margins) -> np.ndarray:
+        """(T,) frames that keep less than is asked for, at them or on the way to the
+        next."""
+        low = margins.between < self.floor_between
+        return (margins.distance < self.floor) | low
 
     def _joints(self, y: np.ndarray) -> np.ndarray:
         """(T, n) the controlled joints among the unknowns, a view."""
@@ -415,9 +455,11 @@ class Keeper:
     def _violating(self, margins: Margins) -> np.ndarray:
         """(T,) frames that violate something, at them or on the way to the next."""
         fast = margins.speed > self.velocity_scale
+        near = self._near(margins)
+        if self._excused is not None and len(near) == len(self._excused):
+            near &= ~self._excused
         return (
-            (margins.distance < self.floor)
-            | (margins.between < self.floor_between)
+            near
             | (margins.limit < -LIMIT_TOLERANCE)
             | fast
             | np.append(False, fast[:-1])

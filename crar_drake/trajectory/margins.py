@@ -27,9 +27,10 @@ _LARGEST_SLACK = 0.05
 class Margins:
     """Of T frames."""
 
-    # (T,) the smallest of all watched pairs [m], negative in penetration
+    # (T,) the smallest of all watched pairs [m], negative in penetration; infinite
+    # without any
     distance: np.ndarray
-    pair: np.ndarray  # (T,) which pair it is of
+    pair: np.ndarray  # (T,) which pair it is of; -1 of none
     # (T,) no distance on the way to the next frame is smaller [m]; of the last frame
     # its own distance
     between: np.ndarray
@@ -55,19 +56,16 @@ def find_margins(
     """
     frames = len(q)
     whole = configurations(model, model.rest_positions(), q)
-    d = shape_distances(whole, model.robot)
-    nearest = d.argmin(axis=1)
-    distance = d[np.arange(frames), nearest]
-    pair = model.pairs.pair_of_shapes[nearest]
-    between = np.append(
-        bounds_between(
-            np.ascontiguousarray(whole[:, model.positions]),
-            d,
-            model.robot,
-            reaches,
-        ),
-        distance[-1],
-    )
+    distance, between = np.full((2, frames), np.inf)
+    pair = np.full(frames, -1)
+    if len(model.pairs):
+        d = shape_distances(whole, model.robot)
+        nearest = d.argmin(axis=1)
+        distance = d[np.arange(frames), nearest]
+        pair = model.pairs.pair_of_shapes[nearest]
+        ways = np.ascontiguousarray(whole[:, model.positions])
+        ways = bounds_between(ways, d, model.robot, reaches)
+        between = np.append(ways, distance[-1])
     fastest = model.velocity_limits[model.controlled]
     speed = np.zeros(frames)
     speed[:-1] = (np.abs(np.diff(q, axis=0)) * rate / fastest).max(axis=1)

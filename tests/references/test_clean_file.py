@@ -262,9 +262,8 @@ def test_what_a_certificate_says_besides_is_refuted(cleaned, refuted):
 
 def test_a_way_that_is_not_shown_to_be_clear_is_a_violation(cleaned):
     row = cleaned[3]
-    assert not replace(row, between=0.0).violated
-    assert replace(row, between=-1e-9).violated
-    assert replace(row, between=np.nan).violated
+    assert not row.violated and row.unclear == 0
+    assert replace(row, unclear=1).violated
 
 
 def test_each_clip_of_a_file_has_its_own_rate(cleaned, tmp_path):

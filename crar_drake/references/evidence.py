@@ -81,7 +81,8 @@ def settled(
     if len({r.motion.layout for r in left} & set(KNOWN_BY_ORDER)) > 1:
         first = left[0].motion
         if not first.joint_names or robot is not None:
-            said = next(g for g in first.guesses if g.startswith(ORDER_UNKNOWN))
+            known = readings[0].motion.guesses
+            said = next(guess for guess in known if guess.startswith(ORDER_UNKNOWN))
             raise MotionError(
                 f"{first.source}: {said}; say it with --layout mjlab-npz or "
                 "beyondmimic-npz, or which robot it is with --robot"
@@ -127,8 +128,8 @@ def _of_order(
             name = first.layout.name
             raise MotionError(
                 f"{first.motion.source}: quaternions may be {first.order}, as {name} "
-                f"has them, or {order} ({evidence}): say --layout {name} if they are "
-                f"{first.order}, else convert the file"
+                f"has them, or {other.order} ({evidence}): say --layout {name} if they "
+                f"are {first.order}, else convert the file"
             )
     if not order:
         layouts = " or ".join(reading.layout.name for reading in of.values())

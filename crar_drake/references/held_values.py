@@ -32,8 +32,8 @@ _KNOWN_TIMES = 1e-9, 1e-6, 6e-4
 
 FRAME = "Frame"  # a column of a CSV that counts the lines
 
-# What says the columns of a folder's `qpos`, at most so many folders above them; as a
-# key: where it is.
+# What says the columns of a folder's `qpos`, at most so many folders above them; also
+# the key that says so.
 MANIFEST, _ABOVE = "manifest.json", 3
 
 
@@ -177,7 +177,7 @@ def _with_manifest(path: Path, held: dict[str, np.ndarray]) -> dict[str, object]
             "qpos": qpos,
             "joint_names": np.array(names[7:]),
             "fps": np.array(rate),
-            MANIFEST: str(place),
+            MANIFEST: MANIFEST,
         }
     return held
 

@@ -321,7 +321,7 @@ class _Values:
             columns = self.objects.shape[1]
             guesses.append(f"the last {columns} of its columns are poses of objects")
         if MANIFEST in self.held:
-            guesses.append(f"its joints and rate are those of {self.held[MANIFEST]}")
+            guesses.append(f"its joints and rate are those of {MANIFEST}")
         return RobotMotion(
             joint_names=self.names or tuple(joint_names or ()),
             root_positions=position,

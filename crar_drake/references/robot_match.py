@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crar_drake.errors import MotionError
+from crar_drake.references.held_values import texts
 from crar_drake.references.layout_reader import ORDER_UNKNOWN
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.robot_motion import RobotMotion
@@ -306,12 +307,15 @@ def links_off(
     Args:
         motion: with names, of the robot's joints or some of them; the others are at 0.
         robot: to compare with.
-        links: (B) names of the links in the file's order; those that the robot does
-            not have are not compared.
+        links: (B) names of the links in the file's order, where it does not say them;
+            those that the robot does not have are not compared.
     """
-    if "body_pos_w" not in motion.computed:
-        return None
-    p_WB = np.asarray(motion.computed["body_pos_w"], dtype=float)
+    R_WR, p_WR = motion.root_rotations.as_matrix(), motion.root_positions
+    named = texts(motion.computed.get("link_body_list"))
+    if named:  # GMR's are seen from the root
+        links, R_WR, p_WR = named, np.broadcast_to(np.eye(3), R_WR.shape), 0.0 * p_WR
+    key = "local_body_pos" if named else "body_pos_w"
+    p_WB = np.asarray(motion.computed.get(key, ()), dtype=float)
     if p_WB.ndim != 3 or p_WB.shape[1] != len(links) or len(p_WB) != motion.num_frames:
         return None
     rows = np.unique(np.linspace(0, motion.num_frames - 1, _FRAMES).astype(int))
@@ -324,6 +328,5 @@ def links_off(
     for name, values in zip(motion.joint_names, motion.joint_positions.T, strict=True):
         q[:, robot.joint_names.index(name)] = values[rows]
     p_RB, _ = robot.poses_in_root(q, tuple(links[i] for i in known))
-    R_WR = motion.root_rotations[rows].as_matrix()
-    expected = motion.root_positions[rows, None] + np.einsum("tij,tlj->tli", R_WR, p_RB)
+    expected = p_WR[rows, None] + np.einsum("tij,tlj->tli", R_WR[rows], p_RB)
     return float(np.linalg.norm(p_WB[rows][:, known] - expected, axis=2).max())

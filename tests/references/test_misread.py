@@ -18,7 +18,10 @@ from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 
 LOCKED = ("waist_roll", "waist_pitch", "wrist_pitch", "wrist_yaw")
-SEES_LINKS = ("beyondmimic-npz", "mjlab-npz", "holosoma-npz", "motion-lib-pkl")
+SEES_LINKS = (
+    *("beyondmimic-npz", "mjlab-npz", "holosoma-npz"),
+    *("gmr-pkl", "motion-lib-pkl"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -204,8 +207,6 @@ def without_six(file: File, layout: str, robot: WholeBody) -> bool:
         file.held[of.velocities] = file.held[of.velocities][:, columns]
     if "pose_aa" in file.held:
         file.held["pose_aa"] = file.held["pose_aa"][:, [0, *(1 + k for k in kept)]]
-    if "link_body_list" in file.held:
-        file.held |= {"local_body_pos": None, "link_body_list": None}
     return True
 
 
@@ -218,6 +219,7 @@ KINDS = (
 READ = {
     "float32": set(LAYOUTS),
     "23 joints": set(SEES_LINKS),
+    "the joints' other order": {"gmr-pkl"},  # by its links, which have names
     "rotation first": {"qpos-npz", "omniretarget-npz"},
     "the quaternion's other order": set(LAYOUTS) - {"amass-npy"},
 }

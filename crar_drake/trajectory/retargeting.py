@@ -3,15 +3,21 @@
     minimise    sum_k  |w_limb (u_robot - u_performer)|^2     of each limb's direction
                      + |w_root (p_WR - target)|^2 + |w_turn turn of the root|^2
                      + |w_foot (soles' corners - targets)|^2 + |w_hand turn|^2
-                     + |w_posture (q - rest)|^2 + |second differences|^2
+                     + |w_posture (q - rest)|^2 + |second differences|^2, of the root
+                       of what differs from the person's, scaled,
                      + |w_stand (steps of heels and balls that stand)|^2
     such that   watched pairs, joint limits and speeds are kept, elbows and knees bend
                 as a person's, and nothing is below the floor.
 
-Unknowns of a frame are those of `body_points`. Windows alone are solved (`keeping`), so
-that a foot without room slips where a window cuts its contact. Contacts that slip are
-solved again as a whole, and may be elsewhere. The motion that is found is cleaned
-(`references.cleaning`), which certifies it.
+Unknowns of a frame are those of `body_points`: a metre is no radian, so that the root's
+second differences have weights of their own. Else feet that are held shake it. The
+motion is begun with limbs alone: feet pull a leg that points elsewhere to where it
+cannot turn back from. Where limbs went astray all the same they are solved again from
+a straight way past it.
+
+Windows alone are solved (`keeping`), so that a foot without room slips where a window
+cuts its contact. Contacts that slip are solved again as a whole, and may be elsewhere.
+The motion that is found is cleaned (`references.cleaning`), which certifies it.
 """
 
 from __future__ import annotations
@@ -219,7 +225,6 @@ class Retargeter:
         keeper = self._keeper_of(rate)
         problem = self._problem(targets, keeper, y)
         effort = Effort()
-        # Feet pull a leg that points elsewhere to where it cannot turn back from.
         limbs = replace(problem, tasks=problem.tasks.without_feet())
         for each, every in ((limbs, COARSE), (problem, COARSE), (problem, 1)):
             y = keeper.found_without_rows(each, y, effort, every)

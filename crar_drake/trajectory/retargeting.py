@@ -78,6 +78,8 @@ _PARTING = 0.15
 # for longer than this [s] went astray: they are solved again from the straight way past
 # it.
 _ASTRAY, _ASTRAY_FOR = np.pi / 4.0, 0.2
+# So did joints whose step is by so much faster than both beside it [rad/s].
+_JUMP = 14.0
 # Feet that slip by more in a contact may stand elsewhere [m], and their steps are held
 # by so much more.
 MOST_SLIP, _HELD_MORE = 2e-3, 5.0
@@ -101,7 +103,7 @@ class RetargetingParameters:
     standing: float = 2e3  # of the steps of what stands, from a frame to the next [1/m]
     hand: float = 0.4  # of how the hands are turned, by their axes [1]
     posture: float = 0.03  # of the rest posture [1/rad]
-    smoothing: float = 0.03  # motions that come and go within this time cost more [s],
+    smoothing: float = 0.02  # motions that come and go within this time cost more [s],
     change_smoothing: float = 0.08  # as do changes by which constraints are kept [s]
     # of how much else than the person's, scaled, the root accelerates [s^2/m], and its
     # turn does [s^2/rad]
@@ -598,7 +600,7 @@ class PersonTasks:
         return found
 
     def astray(self, y: np.ndarray) -> np.ndarray:
-        """(T,) frames in which limbs went astray.
+        """(T,) frames in which limbs went astray, or to which a joint jumps.
 
         Args:
             y: (T, m) unknowns.
@@ -608,7 +610,10 @@ class PersonTasks:
         far = off > 2.0 * np.sin(0.5 * _ASTRAY)  # of unit vectors
         far &= np.array([limb != "head" for limb in self._targets.directions])
         shortest = int(_ASTRAY_FOR * self._targets.rate) + 1
-        return np.any([lasting(flags, shortest) for flags in far.T], axis=0)
+        found = np.any([lasting(flags, shortest) for flags in far.T], axis=0)
+        bends = np.abs(np.diff(y[:, ROOT:], 2, axis=0)) * self._targets.rate > _JUMP
+        found[2:-1] |= (bends[1:] & bends[:-1]).any(axis=1)
+        return found
 
     def slip(self, y: np.ndarray) -> float:
         """By how much more than `MOST_SLIP` feet slip, all their contacts together [m].

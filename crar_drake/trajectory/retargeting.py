@@ -3,15 +3,21 @@
     minimise    sum_k  |w_limb (u_robot - u_performer)|^2     of each limb's direction
                      + |w_root (p_WR - target)|^2 + |w_turn turn of the root|^2
                      + |w_foot (soles' corners - targets)|^2 + |w_hand turn|^2
-                     + |w_posture (q - rest)|^2 + |second differences|^2
+                     + |w_posture (q - rest)|^2 + |second differences|^2, of the root
+                       of what differs from the person's, scaled,
                      + |w_stand (steps of heels and balls that stand)|^2
     such that   watched pairs, joint limits and speeds are kept, elbows and knees bend
                 as a person's, and nothing is below the floor.
 
-Unknowns of a frame are those of `body_points`. Windows alone are solved (`keeping`), so
-that a foot without room slips where a window cuts its contact. Contacts that slip are
-solved again as a whole, and may be elsewhere. The motion that is found is cleaned
-(`references.cleaning`), which certifies it.
+Unknowns of a frame are those of `body_points`: a metre is no radian, so that the root's
+second differences have weights of their own. Else feet that are held shake it. The
+motion is begun with limbs alone: feet pull a leg that points elsewhere to where it
+cannot turn back from. Where limbs went astray all the same they are solved again from
+a straight way past it.
+
+Windows alone are solved (`keeping`), so that a foot without room slips where a window
+cuts its contact. Contacts that slip are solved again as a whole, and may be elsewhere.
+The motion that is found is cleaned (`references.cleaning`), which certifies it.
 """
 
 from __future__ import annotations
@@ -72,6 +78,8 @@ _PARTING = 0.15
 # for longer than this [s] went astray: they are solved again from the straight way past
 # it.
 _ASTRAY, _ASTRAY_FOR = np.pi / 4.0, 0.2
+# So did joints whose step is by so much faster than both beside it [rad/s].
+_JUMP = 14.0
 # Feet that slip by more in a contact may stand elsewhere [m], and their steps are held
 # by so much more.
 MOST_SLIP, _HELD_MORE = 2e-3, 5.0
@@ -95,7 +103,7 @@ class RetargetingParameters:
     standing: float = 2e3  # of the steps of what stands, from a frame to the next [1/m]
     hand: float = 0.4  # of how the hands are turned, by their axes [1]
     posture: float = 0.03  # of the rest posture [1/rad]
-    smoothing: float = 0.03  # motions that come and go within this time cost more [s],
+    smoothing: float = 0.02  # motions that come and go within this time cost more [s],
     change_smoothing: float = 0.08  # as do changes by which constraints are kept [s]
     # of how much else than the person's, scaled, the root accelerates [s^2/m], and its
     # turn does [s^2/rad]
@@ -219,7 +227,6 @@ class Retargeter:
         keeper = self._keeper_of(rate)
         problem = self._problem(targets, keeper, y)
         effort = Effort()
-        # Feet pull a leg that points elsewhere to where it cannot turn back from.
         limbs = replace(problem, tasks=problem.tasks.without_feet())
         for each, every in ((limbs, COARSE), (problem, COARSE), (problem, 1)):
             y = keeper.found_without_rows(each, y, effort, every)
@@ -593,7 +600,7 @@ class PersonTasks:
         return found
 
     def astray(self, y: np.ndarray) -> np.ndarray:
-        """(T,) frames in which limbs went astray.
+        """(T,) frames in which limbs went astray, or to which a joint jumps.
 
         Args:
             y: (T, m) unknowns.
@@ -603,7 +610,10 @@ class PersonTasks:
         far = off > 2.0 * np.sin(0.5 * _ASTRAY)  # of unit vectors
         far &= np.array([limb != "head" for limb in self._targets.directions])
         shortest = int(_ASTRAY_FOR * self._targets.rate) + 1
-        return np.any([lasting(flags, shortest) for flags in far.T], axis=0)
+        found = np.any([lasting(flags, shortest) for flags in far.T], axis=0)
+        bends = np.abs(np.diff(y[:, ROOT:], 2, axis=0)) * self._targets.rate > _JUMP
+        found[2:-1] |= (bends[1:] & bends[:-1]).any(axis=1)
+        return found
 
     def slip(self, y: np.ndarray) -> float:
         """By how much more than `MOST_SLIP` feet slip, all their contacts together [m].

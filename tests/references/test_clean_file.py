@@ -470,3 +470,26 @@ def test_degrees_are_refused(tmp_path, capsys):
     assert main([*arguments, "--frames", "5:"]) == 2
     assert "in frame 10, " in capsys.readouterr().err
     assert not out.exists() and not certificate_path(out).exists()
+
+
+def test_what_it_is_not_asked_to_change_is_left_and_said(tmp_path, capsys):
+    """`clean` and `judge` end with the same; without the certificate it violates."""
+    folder = write_robot(tmp_path)
+    low, out = write_csv(tmp_path / "low.csv", reaching(24, 30.0, 0.5)), tmp_path / "o"
+    rows = np.loadtxt(low, delimiter=",")
+    rows[:, 2] = -0.1
+    np.savetxt(low, rows, delimiter=",", fmt="%.10g")
+    of, out = ["--robot", str(folder)], out / "low.csv"
+
+    def last(*arguments: str) -> tuple[int, str]:
+        code = main([*arguments, *of])
+        return code, capsys.readouterr().out.splitlines()[-1]
+
+    code, said = last("clean", str(low), "--out", str(out), "--no-page")
+    assert code == 0 and said.startswith("OK, left as it was: below the ground: ")
+    for more in ([], ["--certificate"]):
+        code, said = last("judge", str(out), *more)
+        assert code == 0 and said.startswith("OK, left as it was: below the ground")
+    certificate_path(out).unlink()
+    code, said = last("judge", str(out))
+    assert code == 1 and "below the ground" in said

@@ -17,12 +17,14 @@ from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 
 
-def with_meshes(folder, pairs: str | None = None):
+def with_meshes(
+    folder, pairs: str | None = None, of: str = "base_shape", radius: float = 0.05
+):
     """The chain, whose base shape has a mesh; the other links' shapes are meshed."""
     write_robot(folder)
-    trimesh.creation.icosphere(3, radius=0.05).export(folder / "ball.obj")
+    trimesh.creation.icosphere(3, radius=radius).export(folder / "ball.obj")
     urdf = (folder / "chain.urdf").read_text()
-    link = '<link name="base_shape">'
+    link = f'<link name="{of}">'
     visual = '<visual><geometry><mesh filename="ball.obj"/></geometry></visual>'
     assert link in urdf
     (folder / "chain.urdf").write_text(urdf.replace(link, link + visual))
@@ -156,6 +158,39 @@ def test_meshes_of_pairs_that_nobody_watches(tmp_path, capsys):
     meshes["at_frames"] = meshes["on_ways"] = [1e-3] * len(certificate["mesh_pairs"])
     found = check(folder, out, certificate)
     assert any("penetrate in" in line for line in found.refuted), found.refuted
+
+
+def test_where_only_shapes_are_too_near_nothing_is_changed(tmp_path, capsys):
+    """Meshes decide; who cannot look at them does not believe it."""
+    folder = with_meshes(tmp_path, of="post", radius=0.02)
+    q = reaching(24, 30.0, 1.0)
+    reference, out = write_csv(folder / "reach.csv", q), folder / "out" / "reach.csv"
+    (row,) = clean_file(reference, out, str(folder))
+    assert row.penetrating_before > 0 and row.nearest < 0.0
+    assert not row.violated and row.penetrating == row.unclear == row.changed == 0
+    written = np.loadtxt(out, delimiter=",")
+    np.testing.assert_array_equal(written, np.loadtxt(reference, delimiter=","))
+    (clip,) = read_certificate(certificate_path(out))["clips"]
+    below = np.flatnonzero(np.array(clip["frames"]["distance"]) < 0.0)
+    assert set(below) <= set(clip["excused"])
+    assert check(folder, out).holds
+    for arguments in (["--certificate"], []):
+        assert main(["judge", str(out), *arguments, "--robot", str(folder)]) == 0
+    certificate = read_certificate(certificate_path(out))
+    certificate["clips"][0]["excused"] = []
+    found = check(folder, out, certificate)
+    assert any("penetrate by" in line for line in found.refuted)
+
+
+def test_without_the_packages_nothing_excuses_shapes(tmp_path, monkeypatch):
+    folder = with_meshes(tmp_path, of="post", radius=0.02)
+    reference, out = folder / "reach.csv", folder / "out" / "reach.csv"
+    clean_file(write_csv(reference, reaching(24, 30.0, 1.0)), out, str(folder))
+    monkeypatch.setattr(
+        "crar_drake.references.motion_certificate.why_no_meshes",
+        lambda robot: "not installed",
+    )
+    assert any("penetrate by" in line for line in check(folder, out).refuted)
 
 
 def test_without_the_packages_its_meshes_count_as_uncovered(cleaned, monkeypatch):

@@ -15,6 +15,9 @@ SUFFIXES = {
     **{also: ".pkl" for also in (".pickle", ".joblib", ".p")},
 }
 
+# How names of files with labels of contacts end, which lie beside motions.
+CONTACTS_SUFFIX = ".contacts.csv"
+
 # Of which a robot's NPZ has one: the joints.
 _NPZ_KEYS = {"joint_pos", "dof_positions", "qpos"}
 
@@ -28,7 +31,9 @@ HEADINGS = (NAMED_ROOT, ("root_x", "root_y", "root_z", "root_qw"))
 
 def is_reference(path: str | os.PathLike[str]) -> bool:
     """Whether a path has the suffix of a robot motion; its contents are not asked."""
-    return Path(path).suffix.lower() in SUFFIXES
+    path = Path(path)
+    of_contacts = path.name.endswith(CONTACTS_SUFFIX)
+    return path.suffix.lower() in SUFFIXES and not of_contacts
 
 
 def holds_reference(path: str | os.PathLike[str]) -> bool:

@@ -32,6 +32,7 @@ from crar_drake.references.change import (
     find_frozen,
 )
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
+from crar_drake.references.contacts import write_beside
 from crar_drake.references.faults import Fault, find_faults, left_as_it_was
 from crar_drake.references.ground_contact import CarryingHands, Outline
 from crar_drake.references.layouts import LAYOUTS, layout_named
@@ -351,6 +352,8 @@ class MotionCleaner:
         rate_given = None if to.has_rate else written[0].rate
         with whole_set(out.parent, last=place.name) as folder:
             write_motions(folder / out.name, written, to.name, robot)
+            if not to.has_room:
+                write_beside(folder / out.name, written[0])
             # What is certified is what stands in the file, rounded as its layout does.
             names = robot.breadth_first if to.breadth_first else robot.joint_names
             again = read_motions(

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.references import locomujoco_npz
+from crar_drake.references.contacts import CONTACTS, FEET_NAMES
 from crar_drake.references.held_values import FRAME, write_held
 from crar_drake.references.layout_reader import FROM_WXYZ, OBJECTS
 from crar_drake.references.layouts import EULER, LINK_STATES, TIME, Layout
@@ -71,7 +72,10 @@ class _Held:
         self._robot = robot
         self._same = motion.layout == layout.name
         self._kept = dict(motion.computed) if self._same and motion.is_as_read else {}
-        self._extras = dict(motion.extras) if self._same else {}
+        kept = motion.extras.keys() if self._same else ()
+        if layout.has_room:
+            kept = {*kept, CONTACTS, FEET_NAMES} & motion.extras.keys()
+        self._extras = {key: motion.extras[key] for key in kept}
         precision = motion.precision if self._same else ""
         self._precision = precision or layout.precision
         self.values = self._values()

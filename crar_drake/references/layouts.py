@@ -86,6 +86,13 @@ class Layout:
         return self.rate not in ("", FILE_NAME)
 
     @property
+    def has_room(self) -> bool:
+        """Whether a file can hold more than its keys: it is of keys and values, and of
+        one motion alone."""
+        of_keys = self.suffix in (".npz", ".pkl") or self.name == "phuma-npy"
+        return of_keys and not self.several
+
+    @property
     def root_columns(self) -> int:
         """Columns before the joints, in their array."""
         return self.parts[2].first

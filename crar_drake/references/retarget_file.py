@@ -23,6 +23,7 @@ from crar_drake.motion.report import inspect
 from crar_drake.references.certificate_files import check_certificate_place, file_hash
 from crar_drake.references.clean_file import CleanedClip, MotionCleaner
 from crar_drake.references.cleaning import CleaningParameters
+from crar_drake.references.contacts import as_extras
 from crar_drake.references.faults import Fault, find_faults, find_limbs_off
 from crar_drake.references.ground_contact import Outline
 from crar_drake.references.layouts import layout_named, layouts_of
@@ -191,6 +192,10 @@ class FileRetargeter:
         )
         quaternions = Rotation.from_matrix(found.root_rotations).as_quat()
         names = retargeter.model.joint_names
+        planted = {
+            f"{side}_foot": foot.on_heel | foot.on_ball
+            for side, foot in found.targets.feet.items()
+        }
         made = RobotMotion(
             joint_names=robot.joint_names,
             root_positions=found.root_positions,
@@ -198,6 +203,7 @@ class FileRetargeter:
             joint_positions=found.q[:, [names.index(x) for x in robot.joint_names]],
             rate=rate,
             guesses=inspect(performer).remarks,
+            extras=as_extras(planted),
         )
         likeness_of: list = []
 
@@ -224,10 +230,6 @@ class FileRetargeter:
         left_knee, right_knee = (float(np.median(knees[side])) for side in SIDES)
         root, root_peak = root_acceleration(written.root_positions, rate)
         persons = root_acceleration(found.targets.root_positions, rate)
-        planted = {
-            f"{side}_foot": foot.on_heel | foot.on_ball
-            for side, foot in found.targets.feet.items()
-        }
         return RetargetedClip(
             **asdict(replace(cleaned, seconds=seconds)),
             limbs_median=max(float(np.median(off[limb])) for limb in arms_and_legs),

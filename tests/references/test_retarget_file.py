@@ -21,7 +21,9 @@ from crar_drake.references.certificate_files import (
     read_certificate,
 )
 from crar_drake.references.clean_file import clean_file
+from crar_drake.references.contacts import contacts_path
 from crar_drake.references.faults import find_faults
+from crar_drake.references.folders import find_references
 from crar_drake.references.ground_contact import FootSlip, GroundContact
 from crar_drake.references.motion_certificate import check_certificate
 from crar_drake.references.motion_files import read_motion
@@ -293,3 +295,25 @@ def test_bad_input_is_told(made, tmp_path, monkeypatch, capsys, arguments, told)
     assert said[0].startswith("crar-drake: error:") and "Traceback" not in error
     assert re.search(told, error), error
     assert not list(tmp_path.glob("**/*.certificate.json"))
+
+
+@pytest.mark.parametrize("name", ["walk.csv", "walk.npz", "walk.pkl"])
+def test_it_says_when_feet_are_on_the_floor(made, name):
+    """As the person's are: in the file, or beside one that has no room for it."""
+    robot, _, first, _ = made
+    out = first.parent / name.replace(".", "_") / name
+    person = short_amc(first.parent, "labelled", 31)
+    retarget_file(str(person), out, str(robot))
+    if name.endswith("csv"):
+        beside = contacts_path(out)
+        feet, *labels = (line.split(",") for line in beside.read_text().splitlines())
+        labels = np.array(labels, dtype=int)
+        assert find_references(out.parent).count(beside) == 0
+    else:
+        motion = read_motion(out, robot=WholeBody(load_robot_description(robot)))
+        feet, labels = (motion.extras[key] for key in ("foot_names", "foot_contacts"))
+        assert not contacts_path(out).exists()
+    assert list(feet) == ["left_foot", "right_foot"]
+    frames = read_motion(out).num_frames
+    assert labels.shape == (frames, 2) and set(labels.ravel()) <= {0, 1}
+    assert labels.any()

@@ -24,11 +24,6 @@ def add_reference_judge_options(parser: Parser) -> None:
     add_frame_rate(group)
     add_jobs(group)
     group.add_argument(
-        "--layout",
-        metavar="LAYOUT",
-        help="of the files (default: what each looks like)",
-    )
-    group.add_argument(
         "--certificate",
         action="store_true",
         help="check the certificates that crar-drake clean has written beside them",

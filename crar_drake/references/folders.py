@@ -174,7 +174,7 @@ def _write_page(
     write_folder_page(
         page,
         f"{folder.absolute().name}: {page.stem}",
-        f"Robot {work.robot}. A click on a heading sorts by it; crar-drake compare "
+        f"Robot {work.robot}. A click on a heading sorts by it; crar-drake show "
         "makes a page of two motions.",
         work.figures,
         [

@@ -136,7 +136,8 @@ def retarget_file(
     out, given = Path(out), RetargetOptions(**options)
     given = replace(given, layout=_layout_of(out, given.layout))
     _check_place(out)
-    return FileRetargeter(robot, given)(motion, out, progress)
+    (clip,) = FileRetargeter(robot, given)(motion, out, progress)
+    return clip
 
 
 class FileRetargeter:
@@ -175,8 +176,8 @@ class FileRetargeter:
         motion: str | os.PathLike[str],
         out: Path,
         progress: Callable[[int, int], None] | None = None,
-    ) -> RetargetedClip:
-        """Retargets a motion; see `retarget_file`."""
+    ) -> list[RetargetedClip]:
+        """Retargets a motion, the only one of its file; see `retarget_file`."""
         _check_place(out)
         robot, retargeter, options = self._robot, self.retargeter, self._options
         rate, layout = options.rate, options.layout
@@ -228,7 +229,7 @@ class FileRetargeter:
             f"{side}_foot": foot.on_heel | foot.on_ball
             for side, foot in found.targets.feet.items()
         }
-        return RetargetedClip(
+        clip = RetargetedClip(
             **asdict(replace(cleaned, seconds=seconds)),
             limbs_median=max(float(np.median(off[limb])) for limb in arms_and_legs),
             limbs_most=max(most[limb] for limb in arms_and_legs),
@@ -244,6 +245,7 @@ class FileRetargeter:
             persons_root=persons[0],
             persons_root_peak=persons[1],
         )
+        return [clip]
 
 
 def _layout_of(out: Path, layout: str) -> str:

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.files import check_file
 from crar_drake.motion.catalogue import load_performer, motion_files
+from crar_drake.motion.conditioning import angles_between
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import SIDES
 from crar_drake.motion.quaternion_spline import sign_continuous
@@ -295,18 +296,16 @@ def likeness(
             strict=True,
         )
     )
-    off = {limb: _angles(ways[limb], way) for limb, way in targets.directions.items()}
+    off = {
+        limb: angles_between(ways[limb], way)
+        for limb, way in targets.directions.items()
+    }
     knees = {}
     for side in SIDES:
         pair = f"{side}_hip-knee", f"{side}_knee-ankle"
         of_robot, of_person = (
-            _angles(*(of[limb] for limb in pair)) for of in (ways, targets.directions)
+            angles_between(*(of[limb] for limb in pair))
+            for of in (ways, targets.directions)
         )
         knees[side] = of_robot - of_person
     return off, knees
-
-
-def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(T,) between (T, 3) vectors [rad]."""
-    sine = np.linalg.norm(np.cross(a, b), axis=1)
-    return np.arctan2(sine, np.sum(a * b, axis=1))

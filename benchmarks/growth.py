@@ -92,7 +92,7 @@ def with_frames(robot: str, motion: Path) -> list[str]:
             longer = folder / motion.name
             longer.write_text("\n".join(there_and_back(lines, times)) + "\n")
             made, took = _timed(work, longer, folder / "out.csv")
-            clips.append(made[0] if cleans else made.cleaned)
+            clips.append(made[0])
             seconds.append(took)
     what = "clean" if cleans else "retarget"
     frames, changed = zip(*((c.frames, c.changed) for c in clips[1:]), strict=True)

@@ -525,7 +525,7 @@ def tell_end(
     elif missing:
         parts.append(f"{out} holds {names} of this run")
         if out / LOG in result.files and out / RECORDING not in result.files:
-            parts.append(f"crar-drake playback {out / LOG} makes a page")
+            parts.append(f"crar-drake show {out / LOG} makes a page")
     else:
         parts.append(f"{out} holds what was simulated till then")
     message = "; ".join(parts)

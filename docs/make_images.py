@@ -3,7 +3,7 @@
     python docs/make_images.py [out/compare.html] [out/reproduce/cmu]
 
 `images/diagram.svg` comes from the diagram itself (needs Graphviz). Given a page of
-`crar-drake compare` that `VIEWS` names, `images/NAME.webp` is what a browser shows of
+`crar-drake show` that `VIEWS` names, `images/NAME.webp` is what a browser shows of
 it, moving (needs Chromium); given the folder of a reproduction, those pictures that
 `measurements/reproduction.md` shows become `images/section-iv-*`.
 
@@ -12,7 +12,7 @@ The first page's picture, a G1 before and after `crar-drake clean`, is made by
     crar-drake import-robot g1_whole_body
     crar-drake clean examples/g1_boxing.csv --robot g1_whole_body \\
         --out out/cleaned.csv --no-page
-    crar-drake compare examples/g1_boxing.csv out/cleaned.csv --robot g1_whole_body \\
+    crar-drake show examples/g1_boxing.csv out/cleaned.csv --robot g1_whole_body \\
         --label raw --label cleaned --out out/g1_boxing.html
     python docs/make_images.py out/g1_boxing.html
 
@@ -20,7 +20,7 @@ and that of the built-in robot, without and with constraints, by
 
     crar-drake run --no-recording --constraints none --out out/none
     crar-drake run --no-recording --out out/lookahead
-    crar-drake compare out/none out/lookahead
+    crar-drake show out/none out/lookahead
     python docs/make_images.py out/compare.html
 """
 

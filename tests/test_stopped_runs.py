@@ -321,7 +321,7 @@ def test_the_log_stays_if_the_page_does_not_fit(it, capsys):
     assert len(SimulationLog.load(it / "log.npz").time) == 201
     assert "it/recording.html: could not be written: File too large" in output.err
     assert "it holds log.npz, summary.json, plot.png of this run" in output.err
-    assert "crar-drake playback it/log.npz" in output.err
+    assert "crar-drake show it/log.npz" in output.err
     assert "Traceback" not in output.err
     assert "rms task error" in output.out and "it/log.npz" in output.out
     assert "recording.html" not in output.out

@@ -190,7 +190,7 @@ class Comparison:
     def figures(self, motion: str) -> list[Figures]:
         """The figures of a motion, ours first."""
         retargeter, out = self._retargeter, self._folder / "own.npz"
-        clip = self._own(motion, out)
+        (clip,) = self._own(motion, out)
         targets = performer_targets(
             load_performer(motion),
             retargeter.legs,

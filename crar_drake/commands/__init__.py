@@ -12,17 +12,14 @@ from collections.abc import Sequence
 
 from crar_drake.commands import (
     clean,
-    compare,
     convert,
     import_robot,
     judge,
-    listing,
-    motion,
     play,
-    playback,
     retarget,
     run,
     serve,
+    show,
 )
 from crar_drake.commands.options import Parser
 from crar_drake.commands.output import drop_output, lasting_output, tell_failure
@@ -35,15 +32,12 @@ from crar_drake.version import __version__
 COMMANDS = (
     run,
     play,
-    motion,
-    listing,
+    show,
     import_robot,
     retarget,
     judge,
     clean,
     convert,
-    playback,
-    compare,
     serve,
 )
 
@@ -120,7 +114,7 @@ def make_parser() -> Parser:
         "into themselves or beyond their joint limits, by Constrained Resolved "
         "Acceleration Control.",
         epilog="Start with `crar-drake run`, which simulates a built-in dance, and "
-        "`crar-drake list`. `crar-drake COMMAND --help` tells a command's options.",
+        "`crar-drake show`. `crar-drake COMMAND --help` tells a command's options.",
     )
     parser.add_argument(
         "--version", action="version", version=f"crar-drake {__version__}"

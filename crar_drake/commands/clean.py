@@ -113,7 +113,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--no-page",
         action="store_true",
         help="no page of before and after, which takes longer than cleaning does (of "
-        "a folder's files there is none; crar-drake compare makes it)",
+        "a folder's files there is none; crar-drake show makes it)",
     )
     add_jobs(parser)
 
@@ -269,7 +269,7 @@ def _write_page(
     if shown:
         print(
             f"the page is of {shown}, which changed the most; of another: crar-drake "
-            "compare BEFORE AFTER --clip NAME"
+            "show BEFORE AFTER --clip NAME"
         )
     meshes = True
     try:

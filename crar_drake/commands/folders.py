@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from crar_drake.commands.output import continuing, counted, final_line
 
 if TYPE_CHECKING:
-    from crar_drake.references.folders import FileResult
+    from crar_drake.references.each_file import FileResult
 
 # Files that are reported one by one.
 _MOST_LINES = 10
@@ -91,9 +91,7 @@ def report_files(
         print(f"and {len(left) - _MOST_LINES} more, in the table")
     failed = [file for file in files if file.error]
     for file in failed[:_MOST_LINES]:
-        named = file.error.startswith(str(file.source))
-        where = "" if named else f"{file.source}: "
-        print(f"failed: {where}{file.error}", file=sys.stderr)
+        print(f"failed: {file.error}", file=sys.stderr)
     if len(failed) > _MOST_LINES:
         print(f"and {len(failed) - _MOST_LINES} more failed", file=sys.stderr)
     print(table)

@@ -12,7 +12,12 @@ from crar_drake.commands.judge_references import (
     is_reference_or_folder,
     run_references,
 )
-from crar_drake.commands.options import add_command, add_robot, count, positive
+from crar_drake.commands.options import (
+    add_command,
+    add_reference_options,
+    count,
+    positive,
+)
 from crar_drake.commands.output import FAST, counted, final_line
 from crar_drake.errors import CrarError, few, plural
 
@@ -54,7 +59,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="FILE",
         help="the log.npz of a run; or reference motions, or folders of them",
     )
-    add_robot(parser, "; or of the robot that reference motions are of")
+    add_reference_options(parser, "; or of a log's, if it is not where it was")
     parser.add_argument(
         "--every",
         type=positive,

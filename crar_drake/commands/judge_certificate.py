@@ -19,42 +19,36 @@ def judge_certificates(arguments: argparse.Namespace) -> int:
             their robot is, or None for the name in the certificate.
 
     Returns:
-        The exit code: 2 if a motion or its certificate cannot be read, which is
-        reported and does not end the check of others; 1 if a certificate is of another
-        file or robot, is not true, or something is violated; else 0.
+        The exit code, as of `final_line`: violated is a certificate that is of another
+        file or robot or not true, and what it says is wrong with its motion. One that
+        cannot be read is reported, and does not end the check of others.
 
     Raises:
         CrarError: the only motion or its certificate cannot be read.
     """
-    from crar_drake.references.folders import find_references
+    from crar_drake.references.folders import references_in
 
-    motions: list[Path] = []
-    for path in arguments.what:
-        motions += find_references(path) if path.is_dir() else [path]
-    if len(motions) == 1:
-        told = _judge(motions[0], arguments.robot)
-        untrue = [] if told.holds else ["the certificate does not hold"]
-        return final_line([*untrue, *told.faults], 0, told.guessed, told.left)
-    refuted, unusable, faulty, left, guesses = 0, 0, 0, [], []
+    motions, found = references_in(arguments.what), []
     for motion in motions:
         try:
-            told = _judge(motion, arguments.robot)
-            refuted += not told.holds
-            faulty += bool(told.faults)
-            left += told.left
-            guesses += told.guessed
+            found.append(_judge(motion, arguments.robot))
         except CrarError as error:
+            if len(motions) == 1:
+                raise
             tell_failure(error)
-            unusable += 1
-    untrue = [
-        *counted(refuted, "certificate", f"of {len(motions)} not true"),
-        *counted(faulty, "motion", "with faults"),
-    ]
-    if unusable:
-        unread = f"{unusable} of {len(motions)} certificates cannot be read"
-        print("; ".join([f"NOT JUDGED: {unread}", *untrue]))
-        return 2
-    return final_line(untrue, 0, guesses, left)
+    refuted, unread = sum(not told.holds for told in found), len(motions) - len(found)
+    if len(motions) == 1:
+        untrue = ["the certificate does not hold"] * refuted + found[0].faults
+    else:
+        faulty = sum(bool(told.faults) for told in found)
+        untrue = counted(refuted, "certificate", f"of {len(motions)} not true")
+        untrue += counted(faulty, "motion", "with faults")
+    return final_line(
+        untrue,
+        guessed=[guess for told in found for guess in told.guessed],
+        left=[words for told in found for words in told.left],
+        unread=f"{unread} of {len(motions)} cannot be read" if unread else "",
+    )
 
 
 class _Told(NamedTuple):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +15,7 @@ from crar_drake.commands.output import counted, final_line
 from crar_drake.errors import CrarError
 
 if TYPE_CHECKING:
-    from crar_drake.references.judged_files import JudgedFile
+    from crar_drake.references.each_file import FileResult
 
 _MILLIMETRE = 1e-3  # [m]
 
@@ -23,11 +25,6 @@ def add_reference_judge_options(parser: Parser) -> None:
     group = parser.add_argument_group("of reference motions")
     add_frame_rate(group)
     add_jobs(group)
-    group.add_argument(
-        "--layout",
-        metavar="LAYOUT",
-        help="of the files (default: what each looks like)",
-    )
     group.add_argument(
         "--certificate",
         action="store_true",
@@ -69,15 +66,15 @@ def run_references(arguments: argparse.Namespace) -> int:
     """Judges reference motions.
 
     Returns:
-        The exit code: 1 if a motion violates something, else 2 if a file cannot be
-        used, else 0.
+        The exit code, as of `final_line`.
     """
     from crar_drake.files import check_folder
+    from crar_drake.references.each_file import FileResult, each_file
     from crar_drake.references.faults import Tolerances
-    from crar_drake.references.folders import find_references
-    from crar_drake.references.judged_files import JudgeOptions, judge_files, judge_here
+    from crar_drake.references.folders import references_in
+    from crar_drake.references.judged_files import FileJudge, JudgeOptions
     from crar_drake.references.verdict_report import verdict_lines
-    from crar_drake.robot.description import whole_body_name
+    from crar_drake.robot.description import load_robot_description, whole_body_name
 
     if not arguments.robot:
         folders = [path for path in arguments.what if path.is_dir()]
@@ -93,11 +90,7 @@ def run_references(arguments: argparse.Namespace) -> int:
     arguments.robot = whole_body_name(arguments.robot)
     if arguments.out is not None:
         check_folder(arguments.out)
-    files: list[str] = []
-    for path in arguments.what:
-        found = find_references(path) if path.is_dir() else [path]
-        files += map(str, found)
-    files = list(dict.fromkeys(files))
+    files = references_in(arguments.what)
     options = JudgeOptions(
         robot=arguments.robot,
         layout=arguments.layout,
@@ -110,40 +103,44 @@ def run_references(arguments: argparse.Namespace) -> int:
         ),
     )
     if len(files) == 1:
-        judged = judge_here(files, options)
-        if judged[0].error:
-            raise CrarError(judged[0].error)
+        judged = [FileResult(files[0], tuple(FileJudge(options)(files[0])))]
     else:
-        with frames_bar() as progress:
-            judged = judge_files(
-                files, options, arguments.jobs, lambda done: progress(done, len(files))
-            )
+        load_robot_description(options.robot)  # what is wrong with it is said once
+        results = each_file(
+            [(file,) for file in files],
+            partial(FileJudge, options),
+            jobs=arguments.jobs,
+        )
+        done: dict[Path, FileResult] = {}
+        with frames_bar() as progress, closing(results):
+            for result in results:
+                done[result.source] = result
+                progress(len(done), len(files))
+        judged = [done[file] for file in files]
     for entry in judged:
-        for verdict in entry.verdicts:
+        for verdict in entry.clips:
             for line in verdict_lines(verdict):
                 print(line)
     _print_table(judged)
     if arguments.out is not None:
         _write(judged, options.robot, arguments.out)
-    verdicts = [verdict for entry in judged for verdict in entry.verdicts]
+    verdicts = [verdict for entry in judged for verdict in entry.clips]
     violated = list(verdicts[0].violations) if len(verdicts) == 1 else []
     if len(verdicts) > 1:
         number = sum(bool(verdict.violations) for verdict in verdicts)
         violated = counted(number, "motion", f"of {len(verdicts)}")
     unusable = sum(bool(entry.error) for entry in judged)
-    if unusable and not violated:
-        print(f"NOT JUDGED: {unusable} of {len(judged)} files cannot be used")
-        return 2
+    unread = f"{unusable} of {len(judged)} files cannot be used" if unusable else ""
     guessed = [guess for verdict in verdicts for guess in verdict.motion.guesses]
     left = ["; ".join(verdict.left_as_it_was) for verdict in verdicts]
-    return final_line(violated, guessed=guessed, left=left)
+    return final_line(violated, guessed=guessed, left=left, unread=unread)
 
 
-def _print_table(judged: list[JudgedFile]) -> None:
+def _print_table(judged: list[FileResult]) -> None:
     """A row a motion, if there are several; then the files that cannot be used."""
     from crar_drake.references.verdict_report import HEADER, verdict_row
 
-    verdicts = [verdict for entry in judged for verdict in entry.verdicts]
+    verdicts = [verdict for entry in judged for verdict in entry.clips]
     if len(verdicts) + sum(bool(entry.error) for entry in judged) < 2:
         return
     rows = [HEADER, *(verdict_row(verdict) for verdict in verdicts)]
@@ -162,7 +159,7 @@ def _print_table(judged: list[JudgedFile]) -> None:
         print(f"  {entry.error}")
 
 
-def _write(judged: list[JudgedFile], robot: str, out: Path) -> None:
+def _write(judged: list[FileResult], robot: str, out: Path) -> None:
     """judge.json, and a plot a motion."""
     import json
     import re
@@ -175,15 +172,15 @@ def _write(judged: list[JudgedFile], robot: str, out: Path) -> None:
     data = {
         "version": __version__,
         "robot": robot,
-        "motions": [verdict_data(v) for entry in judged for v in entry.verdicts],
+        "motions": [verdict_data(v) for entry in judged for v in entry.clips],
         "unusable": [
-            {"file": entry.path, "error": entry.error}
+            {"file": str(entry.source), "error": entry.error}
             for entry in judged
             if entry.error
         ],
     }
     names: set[str] = set()
-    for verdict in (v for entry in judged for v in entry.verdicts):
+    for verdict in (v for entry in judged for v in entry.clips):
         name = re.sub(r"[^\w.\-]+", "_", name_of(verdict))
         while name in names:  # files of one name in several folders
             name += "_"

@@ -1,22 +1,8 @@
-"""`crar-drake list`: the robots, motions and scenarios that are at hand."""
-
-import argparse
-
-from crar_drake.commands.options import add_command
+"""What is at hand: the robots, motions and scenarios that a name stands for."""
 
 
-def add(subparsers: argparse._SubParsersAction) -> None:
-    """Adds the command and its options."""
-    add_command(
-        subparsers,
-        "list",
-        run,
-        "List the robots, motions and scenarios that are at hand.",
-    )
-
-
-def run(arguments: argparse.Namespace) -> None:
-    """Does what the arguments say."""
+def print_what_is_at_hand() -> None:
+    """Prints them, each with what it is."""
     from crar_drake.motion.catalogue import available_trials, builtin_names, load_clip
     from crar_drake.resources import data_folder
     from crar_drake.robot.description import import_file, imported_names, robot_names

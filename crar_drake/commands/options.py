@@ -100,7 +100,7 @@ def add_scenario(parser: Parser) -> None:
         nargs="?",
         default=DEFAULT_SCENARIO,
         help="a YAML file that says what to simulate, or the name of a shipped one, "
-        "see `crar-drake list` (default: %(default)s)",
+        "see `crar-drake show` (default: %(default)s)",
     )
     parser.add_argument(
         "--robot",
@@ -162,12 +162,16 @@ def add_file_options(parser: Parser) -> None:
 FILE_OPTIONS = ("skeleton", "frame_rate", "unit", "up", "facing", "joints")
 
 
-def add_reference_options(parser: Parser) -> None:
-    """Adds --robot and --layout, of a motion of a whole robot."""
+def add_reference_options(parser: Parser, also: str = "") -> None:
+    """Adds --robot and --layout, of a motion of a whole robot.
+
+    Args:
+        also: what else the robot is of, for the help's end.
+    """
     parser.add_argument(
         "--robot",
         metavar="ROBOT",
-        help="name or folder of the robot that a reference motion is of",
+        help=f"name or folder of the robot that a reference motion is of{also}",
     )
     parser.add_argument(
         "--layout",
@@ -180,20 +184,6 @@ def add_jobs(parser: Parser) -> None:
     """Adds --jobs, of what simulates much."""
     parser.add_argument(
         "--jobs", type=count, metavar="N", help="processes (default: one per core)"
-    )
-
-
-def add_robot(parser: Parser, also: str = "") -> None:
-    """Adds --robot, of a saved log.
-
-    Args:
-        also: what else it is of, for the help's end.
-    """
-    parser.add_argument(
-        "--robot",
-        metavar="ROBOT",
-        help="name or folder of the log's robot, if it is not where it was when "
-        f"the log was made{also}",
     )
 
 

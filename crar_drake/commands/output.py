@@ -42,25 +42,33 @@ def final_line(
     bad: int = 0,
     guessed: Iterable[str] = (),
     left: Sequence[str] = (),
+    unread: str = "",
 ) -> int:
-    """Prints the last line of a command that judges: OK, or VIOLATED and what.
+    """Prints the last line of a command that judges: OK, VIOLATED and what, or, if
+    nothing is but something could not be looked at, NOT JUDGED.
 
     Args:
         violated: what is, each in a few words.
         bad: how many lines BAD are printed above it, of what violates nothing.
         left: of each motion what is wrong with it that was left as it was, or "".
         guessed: what was guessed of the files that are judged, a sentence each.
+        unread: what could not be judged, in words; "" if all was.
 
     Returns:
-        The exit code: 1 if something is violated, else 0.
+        The exit code: 1 if something is violated, else 2 if something is not judged,
+        else 0.
     """
+    if unread and not violated:
+        print(f"NOT JUDGED: {unread}", flush=True)
+        return 2
     ok = f"OK: nothing is violated, but see {bad} BAD above" if bad else "OK"
     was = [words for words in left if words]
     if was:
         of_many = f"something of {plural(len(was), 'motion')}"
         which = was[0] if len(left) == 1 else of_many
         ok = f"{ok}, left as it was: {which}"
-    line = f"VIOLATED: {'; '.join(violated)}" if violated else ok
+    line = f"VIOLATED: {'; '.join(filter(None, [*violated, unread]))}"
+    line = line if violated else ok
     heads = [
         printable(guess.partition(": ")[0].partition(", ")[0])
         + (" (NOT sure)" if "NOT sure" in guess else "")

@@ -134,6 +134,13 @@ def spline(time: np.ndarray, samples: np.ndarray) -> BsplineTrajectory:
     )
 
 
+def angles_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(T,) between (T, 3) vectors, precise for small ones, too; NaN where one is 0."""
+    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    sine, cosine = np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1)
+    return np.where(lengths > 0.0, np.arctan2(sine, cosine), np.nan)
+
+
 def unit_vectors(v: np.ndarray) -> np.ndarray:
     """(..., 3) directions of v (..., 3); 0 where it is 0."""
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)

@@ -8,6 +8,7 @@ import numpy as np
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, MIN_FRAMES, low_pass
 from crar_drake.motion.joint_centres import file_joint, joint_centres
+from crar_drake.motion.leaps import leaps
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.planted_feet import runs
 from crar_drake.motion.travel import pinned_pelvis
@@ -144,22 +145,11 @@ def _find_flips(performer: Performer) -> tuple[Flip, ...]:
 
 
 def _find_jumps(points: dict[str, np.ndarray], frame_rate: float) -> tuple[Jump, ...]:
-    jumps = []
-    for name, samples in points.items():
-        step = np.diff(samples, axis=0)
-        if len(step) < 3:
-            continue
-        index = np.arange(len(step))
-        # The first and the last step are compared with the two beside them.
-        before = np.where(index > 0, index - 1, 2)
-        after = np.where(index < len(step) - 1, index + 1, len(step) - 3)
-        excess = frame_rate * np.minimum(
-            np.linalg.norm(step - step[before], axis=1),
-            np.linalg.norm(step - step[after], axis=1),
-        )
-        for step_index in np.flatnonzero(excess > _JUMP_SPEED):
-            distance = float(excess[step_index] / frame_rate)
-            jumps.append(Jump(name, int(step_index) + 2, distance))
+    jumps = [
+        Jump(name, frame + 1, size)
+        for name, samples in points.items()
+        for frame, size in leaps(np.diff(samples, axis=0), _JUMP_SPEED / frame_rate)
+    ]
     return tuple(sorted(jumps, key=lambda jump: (jump.frame, jump.point)))
 
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from crar_drake.errors import ModelError, MotionError
 from crar_drake.references.ground_contact import FEET, Outline
-from crar_drake.references.resampling import has_rows
-from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.robot_motion import RobotMotion, has_rows
 
 # A floor that is as near to z = 0 is there: what files round moves it by less [m].
 _ON_THE_GROUND = 1e-5
@@ -37,18 +36,7 @@ def trimmed(motion: RobotMotion, frames: Frames) -> RobotMotion:
         )
     if first == 1 and (last is None or last >= motion.num_frames):
         return motion
-    some = slice(first - 1, last)
-    return replace(
-        motion,
-        root_positions=motion.root_positions[some],
-        root_quaternions=motion.root_quaternions[some],
-        joint_positions=motion.joint_positions[some],
-        extras={
-            key: value[some] if has_rows(value, motion.num_frames) else value
-            for key, value in motion.extras.items()
-        },
-        computed={},
-    )
+    return motion.frames(slice(first - 1, last))
 
 
 def set_on_ground(motion: RobotMotion, outline: Outline) -> tuple[RobotMotion, float]:

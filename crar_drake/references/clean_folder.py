@@ -12,10 +12,10 @@ from typing import Any
 
 from crar_drake.references.clean_file import CleanedClip, FileCleaner, FileOptions
 from crar_drake.references.cleaning import CleaningParameters
+from crar_drake.references.each_file import FileResult
 from crar_drake.references.folder_page import Figure
 from crar_drake.references.folders import (
     CLEANED_TABLE,
-    FileResult,
     FolderWork,
     find_references,
     work_through,

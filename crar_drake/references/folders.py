@@ -9,18 +9,15 @@ from __future__ import annotations
 import csv
 import io
 import os
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from crar_drake.batches import in_batches
 from crar_drake.errors import CrarError
 from crar_drake.files import sole_writer, whole_file
-from crar_drake.fresh_processes import given_or_fresh
 from crar_drake.motion.robots_own import is_reference
 from crar_drake.references.certificate_files import (
     certificate_path,
@@ -28,6 +25,7 @@ from crar_drake.references.certificate_files import (
     read_certificate,
     robot_files,
 )
+from crar_drake.references.each_file import FileResult, Work, each_file
 from crar_drake.references.folder_page import Figure, PageRow, write_folder_page
 from crar_drake.robot.description import load_robot_description
 
@@ -35,22 +33,10 @@ CLEANED_TABLE, RETARGETED_TABLE = "cleaned.csv", "retargeted.csv"
 # How their heading begins.
 _FIRST_COLUMNS = ("file", "clip", "error")
 
-# A process that has worked for so long gives back what it has [s].
-_LONG = 60.0
-
 # Names of files need not be text.
 _ANY_NAME = "surrogateescape"
 
 _CONVERSIONS = {"int": int, "float": float, "str": str}
-
-
-@dataclass(frozen=True)
-class FileResult:
-    """What became of one file."""
-
-    source: Path  # the file
-    clips: tuple[Any, ...] = ()  # of its motions, rows of the table; none if it failed
-    error: str = ""  # why it failed; "" if it did not
 
 
 @dataclass(frozen=True)
@@ -61,9 +47,7 @@ class FolderWork:
     # of it: a dataclass whose fields are numbers and texts, `clip` among them
     row: type
     places: Mapping[Path, Path]  # each file to that which is to be written of it
-    # makes what a process does with each file: from the file and its place to its rows.
-    # It is sent to other processes.
-    begin: Callable[[], Callable[[Path, Path], Sequence[Any]]]
+    begin: Callable[[], Work]  # from a file and its place to its rows (`each_file`)
     # of a row, for the page; the first one says which motion is the worst
     figures: Sequence[Figure]
     note: Callable[[Any], str]  # what else the page says of a row
@@ -89,6 +73,18 @@ def find_references(folder: Path) -> list[Path]:
     if not found:
         raise CrarError(f"{folder}: no robot motions (.csv, .npz, .pkl) in it or below")
     return found
+
+
+def references_in(paths: Iterable[Path]) -> list[Path]:
+    """Files, and those in folders and below, each once.
+
+    Raises:
+        CrarError: a folder has none (`find_references`).
+    """
+    found: list[Path] = []
+    for path in paths:
+        found += find_references(path) if path.is_dir() else [path]
+    return list(dict.fromkeys(found))
 
 
 def is_table(path: Path) -> bool:
@@ -122,8 +118,7 @@ def work_through(
         work: what is to be done.
         folder: that the files are in, or below.
         out: another folder.
-        jobs: number of processes; by default one per core.
-        executor: any `concurrent.futures` executor; by default such processes.
+        jobs, executor: as of `each_file`.
         progress: is called with (finished, all, newest).
 
     Raises:
@@ -146,18 +141,14 @@ def work_through(
             if path in kept and _is_done(work, path, place, files)
         }
         finished |= _without_own_certificate(work.places)
-        waiting = [path for path in work.places if path not in finished]
-        with given_or_fresh(executor, jobs) as pool:
-            pairs = [(path, work.places[path]) for path in waiting]
-            batches = in_batches(pool, _do_some, pairs, work.begin, jobs=jobs)
-            with closing(batches):
-                for (path, _), result in batches:
-                    if isinstance(result, Exception):  # its process died
-                        result = FileResult(path, error=str(result))
-                    finished[path] = result
-                    _write_table(table, folder, work.row, finished)
-                    if progress is not None:
-                        progress(len(finished), len(work.places), result)
+        waiting = [pair for pair in work.places.items() if pair[0] not in finished]
+        results = each_file(waiting, work.begin, jobs=jobs, executor=executor)
+        with closing(results):
+            for result in results:
+                finished[result.source] = result
+                _write_table(table, folder, work.row, finished)
+                if progress is not None:
+                    progress(len(finished), len(work.places), result)
         _write_table(table, folder, work.row, finished)
         _write_page(work, folder, page_of(table), finished)
     return [finished[path] for path in work.places]
@@ -174,7 +165,7 @@ def _write_page(
     write_folder_page(
         page,
         f"{folder.absolute().name}: {page.stem}",
-        f"Robot {work.robot}. A click on a heading sorts by it; crar-drake compare "
+        f"Robot {work.robot}. A click on a heading sorts by it; crar-drake show "
         "makes a page of two motions.",
         work.figures,
         [
@@ -183,31 +174,6 @@ def _write_page(
             for clip in result.clips or [None]
         ],
     )
-
-
-def _do_some(
-    files: Sequence[tuple[Path, Path]],
-    begin: Callable[[], Callable[[Path, Path], Sequence[Any]]],
-) -> list[FileResult]:
-    """Files and their places, one after the other in a process of its own; the first
-    ones alone if they took long, for the table to have them soon."""
-    do, until, found = begin(), time.monotonic() + _LONG, []
-    for source, out in files:
-        found.append(_do_one(do, source, out))
-        if time.monotonic() > until:
-            break
-    return found
-
-
-def _do_one(
-    do: Callable[[Path, Path], Sequence[Any]], source: Path, out: Path
-) -> FileResult:
-    try:
-        return FileResult(source, tuple(do(source, out)))
-    except CrarError as error:
-        return FileResult(source, error=str(error))
-    except Exception as error:  # whatever it is, it is of this file
-        return FileResult(source, error=f"{type(error).__name__}: {error}")
 
 
 def _without_own_certificate(places: Mapping[Path, Path]) -> dict[Path, FileResult]:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.motion.quaternion_spline import QuaternionSpline, sign_continuous
 from crar_drake.motion.rates import check_rate
-from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.robot_motion import RobotMotion, has_rows
 
 # A last sample is taken if it is beyond the motion's end by rounding alone [frames].
 _ROUNDING = 1e-6
@@ -106,12 +106,6 @@ def retimed(
         for key, value in motion.extras.items()
     }
     return replace(made, extras=extras)
-
-
-def has_rows(value: object, frames: int) -> bool:
-    """Whether what a file has besides is an array of numbers, a row for each frame."""
-    array = isinstance(value, np.ndarray) and value.ndim > 0
-    return array and len(value) == frames and value.dtype.kind in "fiub"
 
 
 def _at(motion: RobotMotion, times: np.ndarray) -> RobotMotion:

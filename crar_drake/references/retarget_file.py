@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.files import check_file
 from crar_drake.motion.catalogue import load_performer, motion_files
+from crar_drake.motion.conditioning import angles_between
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import SIDES
 from crar_drake.motion.quaternion_spline import sign_continuous
@@ -137,7 +138,8 @@ def retarget_file(
     out, given = Path(out), RetargetOptions(**options)
     given = replace(given, layout=_layout_of(out, given.layout))
     _check_place(out)
-    return FileRetargeter(robot, given)(motion, out, progress)
+    (clip,) = FileRetargeter(robot, given)(motion, out, progress)
+    return clip
 
 
 class FileRetargeter:
@@ -176,8 +178,8 @@ class FileRetargeter:
         motion: str | os.PathLike[str],
         out: Path,
         progress: Callable[[int, int], None] | None = None,
-    ) -> RetargetedClip:
-        """Retargets a motion; see `retarget_file`."""
+    ) -> list[RetargetedClip]:
+        """Retargets a motion, the only one of its file; see `retarget_file`."""
         _check_place(out)
         robot, retargeter, options = self._robot, self.retargeter, self._options
         rate, layout = options.rate, options.layout
@@ -230,7 +232,7 @@ class FileRetargeter:
         left_knee, right_knee = (float(np.median(knees[side])) for side in SIDES)
         root, root_peak = root_acceleration(written.root_positions, rate)
         persons = root_acceleration(found.targets.root_positions, rate)
-        return RetargetedClip(
+        clip = RetargetedClip(
             **asdict(replace(cleaned, seconds=seconds)),
             limbs_median=max(float(np.median(off[limb])) for limb in arms_and_legs),
             limbs_most=max(most[limb] for limb in arms_and_legs),
@@ -246,6 +248,7 @@ class FileRetargeter:
             persons_root=persons[0],
             persons_root_peak=persons[1],
         )
+        return [clip]
 
 
 def _layout_of(out: Path, layout: str) -> str:
@@ -295,18 +298,16 @@ def likeness(
             strict=True,
         )
     )
-    off = {limb: _angles(ways[limb], way) for limb, way in targets.directions.items()}
+    off = {
+        limb: angles_between(ways[limb], way)
+        for limb, way in targets.directions.items()
+    }
     knees = {}
     for side in SIDES:
         pair = f"{side}_hip-knee", f"{side}_knee-ankle"
         of_robot, of_person = (
-            _angles(*(of[limb] for limb in pair)) for of in (ways, targets.directions)
+            angles_between(*(of[limb] for limb in pair))
+            for of in (ways, targets.directions)
         )
         knees[side] = of_robot - of_person
     return off, knees
-
-
-def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(T,) between (T, 3) vectors [rad]."""
-    sine = np.linalg.norm(np.cross(a, b), axis=1)
-    return np.arctan2(sine, np.sum(a * b, axis=1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from functools import partial
@@ -15,10 +15,10 @@ from crar_drake.motion.catalogue import MOTION_SUFFIXES
 from crar_drake.motion.robots_own import holds_reference
 from crar_drake.references.certificate_files import SUFFIX
 from crar_drake.references.clean_folder import LEFT
+from crar_drake.references.each_file import FileResult
 from crar_drake.references.folder_page import Figure
 from crar_drake.references.folders import (
     RETARGETED_TABLE,
-    FileResult,
     FolderWork,
     is_table,
     work_through,
@@ -108,7 +108,7 @@ def retarget_folder(
             path: (out / path.relative_to(folder)).with_suffix(suffix)
             for path in find_people(folder)
         },
-        begin=partial(_ClipsOfFile, robot, given),
+        begin=partial(FileRetargeter, robot, given),
         figures=FIGURES,
         note=lambda row: row.deepest or row.faults or f"farthest off: {row.farthest}",
         robot=robot,
@@ -118,13 +118,3 @@ def retarget_folder(
     return work_through(
         work, folder, out, jobs=jobs, executor=executor, progress=progress
     )
-
-
-class _ClipsOfFile:
-    """From a file and its place to what became of it; made as a `FileRetargeter` is."""
-
-    def __init__(self, robot: str, options: RetargetOptions) -> None:
-        self._retargeter = FileRetargeter(robot, options)
-
-    def __call__(self, motion: Path, out: Path) -> Sequence[RetargetedClip]:
-        return [self._retargeter(motion, out)]

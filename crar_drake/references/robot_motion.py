@@ -122,12 +122,32 @@ class RobotMotion:
         """Whether samples, rate and order of joints are those of the file."""
         return self.fingerprint == _fingerprint(self)
 
+    def frames(self, some: slice) -> RobotMotion:
+        """The motion in some frames alone; what the file had for each with them."""
+        return replace(
+            self,
+            root_positions=self.root_positions[some],
+            root_quaternions=self.root_quaternions[some],
+            joint_positions=self.joint_positions[some],
+            extras={
+                key: value[some] if has_rows(value, self.num_frames) else value
+                for key, value in self.extras.items()
+            },
+            computed={},
+        )
+
     def as_read(self) -> RobotMotion:
         """The same motion, which `is_as_read` from here on."""
         return replace(self, fingerprint=_fingerprint(self))
 
     def _error(self, text: str) -> MotionError:
         return MotionError(f"{self.source}: {text}" if self.source else text)
+
+
+def has_rows(value: object, frames: int) -> bool:
+    """Whether what a file has besides is an array of numbers, a row for each frame."""
+    array = isinstance(value, np.ndarray) and value.ndim > 0
+    return array and len(value) == frames and value.dtype.kind in "fiub"
 
 
 def check_joint_names(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crar_drake.motion.leaps import leaps
 from crar_drake.references.robot_motion import RobotMotion
 
 # A step is a jump where its speed differs by more than this from that of both steps
@@ -60,30 +61,13 @@ def find_jumps(motion: RobotMotion) -> tuple[Jump, ...]:
     rate = motion.rate
     for column in range(motion.num_joints):
         steps = np.diff(motion.joint_positions[:, column : column + 1], axis=0)
-        for frame, size in _jumps(steps, _JOINT_JUMP / rate):
+        for frame, size in leaps(steps, _JOINT_JUMP / rate):
             jumps.append(Jump(joint_label(motion, column), frame, size, "rad"))
-    for frame, size in _jumps(
-        np.diff(motion.root_positions, axis=0), _ROOT_JUMP / rate
-    ):
+    for frame, size in leaps(np.diff(motion.root_positions, axis=0), _ROOT_JUMP / rate):
         jumps.append(Jump("root position", frame, size, "m"))
     R = motion.root_rotations
     if len(R) > 1:
         turns = (R[1:] * R[:-1].inv()).as_rotvec()
-        for frame, size in _jumps(turns, _ROOT_TURN_JUMP / rate):
+        for frame, size in leaps(turns, _ROOT_TURN_JUMP / rate):
             jumps.append(Jump("root orientation", frame, size, "rad"))
     return tuple(sorted(jumps, key=lambda jump: (jump.frame, jump.what)))
-
-
-def _jumps(steps: np.ndarray, threshold: float) -> list[tuple[int, float]]:
-    """(frame after it, size) of the (T - 1, k) steps that are jumps."""
-    if len(steps) < 3:
-        return []
-    index = np.arange(len(steps))
-    # The first and the last step are compared with the two beside them.
-    before = np.where(index > 0, index - 1, 2)
-    after = np.where(index < len(steps) - 1, index + 1, len(steps) - 3)
-    excess = np.minimum(
-        np.linalg.norm(steps - steps[before], axis=1),
-        np.linalg.norm(steps - steps[after], axis=1),
-    )
-    return [(int(i) + 1, float(excess[i])) for i in np.flatnonzero(excess > threshold)]

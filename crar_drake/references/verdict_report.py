@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 
 import numpy as np
 
@@ -145,8 +146,8 @@ def verdict_data(verdict: ReferenceVerdict) -> dict:
         "left_as_it_was": list(verdict.left_as_it_was),
         "meshes": None,
         "capsules": None,
-        "limits": [_beyond_data(beyond) for beyond in verdict.limits],
-        "speeds": [_beyond_data(beyond) for beyond in verdict.speeds],
+        "limits": [asdict(beyond) for beyond in verdict.limits],
+        "speeds": [asdict(beyond) for beyond in verdict.speeds],
         "ground": {
             "lowest": float(verdict.lowest.min()),
             "frame": int(verdict.lowest.argmin()),
@@ -165,10 +166,7 @@ def verdict_data(verdict: ReferenceVerdict) -> dict:
             }
             for foot in verdict.feet
         ],
-        "jumps": [
-            {"what": j.what, "frame": j.frame, "size": j.size, "unit": j.unit}
-            for j in verdict.jumps
-        ],
+        "jumps": [asdict(jump) for jump in verdict.jumps],
         "root_acceleration": dict(
             zip(("rms", "peak"), verdict.root_acceleration, strict=True)
         ),
@@ -290,19 +288,4 @@ def _finite(value: float) -> float | None:
 
 
 def _pair_data(pair: PairFrames) -> dict:
-    return {
-        "pair": list(pair.pair),
-        "frames": list(pair.frames),
-        "depths": list(pair.depths),
-        "deepest": pair.depth,
-        "deepest_frame": pair.frame,
-    }
-
-
-def _beyond_data(beyond: Beyond) -> dict:
-    return {
-        "joint": beyond.joint,
-        "frames": list(beyond.frames),
-        "excess": beyond.excess,
-        "frame": beyond.frame,
-    }
+    return {**asdict(pair), "deepest": pair.depth, "deepest_frame": pair.frame}

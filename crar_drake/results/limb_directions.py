@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crar_drake.law.records import STATUS_TRACKING
+from crar_drake.motion.conditioning import angles_between
 from crar_drake.motion.performer import SIDES, Performer
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import find_frame
@@ -86,7 +87,7 @@ def limb_directions(
         theirs = np.column_stack(
             [np.interp(time[rows], performer.time, column) for column in theirs.T]
         )
-        angles = _angles(theirs, places[d] - places[c])
+        angles = angles_between(theirs, places[d] - places[c])
         angles = angles[np.isfinite(angles)]
         if len(angles):
             median, most = np.quantile(angles, (0.5, 0.95))
@@ -114,10 +115,3 @@ def _limbs(
                 followed = {f"{side}_{task}" for task in needed} <= tasks
                 found.append((f"{side}_{part}", (a, b), (c, d), followed))
     return found
-
-
-def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(T,) between (T, 3) vectors, precise for small ones, too; NaN where one is 0."""
-    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-    sine, cosine = np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1)
-    return np.where(lengths > 0.0, np.arctan2(sine, cosine), np.nan)

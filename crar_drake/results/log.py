@@ -11,7 +11,7 @@ import numpy as np
 
 from crar_drake.errors import CrarError, MotionError
 from crar_drake.files import whole_file
-from crar_drake.motion.array_files import load_arrays
+from crar_drake.motion.array_files import load_arrays, npz_names
 from crar_drake.results import LOG
 from crar_drake.robot.description import GROUND
 
@@ -190,6 +190,11 @@ class SimulationLog:
 
 # Of a control period, that a sample may be beside its tick.
 _ROUNDING = 1e-6
+
+
+def is_log(path: Path) -> bool:
+    """Whether a file is a log, of any version, and no motion; by its arrays' names."""
+    return {"time", "scenario"} <= npz_names(path)
 
 
 class NoLog(CrarError):

@@ -1,7 +1,6 @@
 """The motion of a run as a reference motion: from a log to a file of any layout."""
 
 import os
-from dataclasses import replace
 
 import numpy as np
 
@@ -84,12 +83,7 @@ def export_log(
     motion = motion_of_log(log, robot)
     first = int(np.searchsorted(log.time, start - 1e-9))
     if first < motion.num_frames - 1:
-        motion = replace(
-            motion,
-            root_positions=motion.root_positions[first:],
-            root_quaternions=motion.root_quaternions[first:],
-            joint_positions=motion.joint_positions[first:],
-        )
+        motion = motion.frames(slice(first, None))
     if rate is not None:
         motion, _ = resampled(motion, rate)
     write_motion(path, motion, layout, robot)

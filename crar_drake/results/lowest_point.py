@@ -1,9 +1,10 @@
 """What of a run was lowest over the floor."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from crar_drake.references.ground_contact import Outline
-from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_motion import motion_of_log
@@ -28,13 +29,7 @@ def lowest_point(
     first = min(first, motion.num_frames - 2)
     every = max(1, int(np.ceil(motion.rate / _MOST_RATE - 1e-9)))
     rows = slice(first, None, every)
-    seen = RobotMotion(
-        joint_names=motion.joint_names,
-        root_positions=motion.root_positions[rows],
-        root_quaternions=motion.root_quaternions[rows],
-        joint_positions=motion.joint_positions[rows],
-        rate=motion.rate / every,
-    )
+    seen = replace(motion.frames(rows), rate=motion.rate / every)
     contact = Outline(robot).ground_contact(seen, floor=0.0)
     low = int(contact.lowest.argmin())
     time = float(log.time[rows][low])

@@ -131,7 +131,7 @@ class Summary:
     # "given" by the user, stated by the "file", that of the CMU "database", or
     # "assumed"; "" if there is none
     frame_rate_source: str
-    motion_findings: list[str]  # what looks bad in the motion, see `crar-drake motion`
+    motion_findings: list[str]  # what looks bad in the motion, see `crar-drake show`
     warnings: list[str]  # what the user may not have meant, a line each
     wall_time: float | None  # that the simulation took [s]; None if not known
     real_time_factor: float | None  # duration / wall_time; None if not known

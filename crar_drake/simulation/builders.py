@@ -57,7 +57,7 @@ def AddRobot(
 
     Args:
         plant: of `AddMultibodyPlantSceneGraph`; call `Finalize` afterwards.
-        robot: the name of a shipped robot (`crar-drake list` tells them) or of one
+        robot: the name of a shipped robot (`crar-drake show` tells them) or of one
             that `crar-drake import-robot` made, the path of a robot.yaml or of its
             folder, or a description made in Python.
         prefix: of its model instances' names: "left" makes "left::arm".

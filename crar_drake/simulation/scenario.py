@@ -88,7 +88,7 @@ class Scenario:
     """One whole diagram: robot, motion, tasks, controller, simulation, recording.
 
     Attributes:
-        description: one line for `crar-drake list`.
+        description: one line for `crar-drake show`.
         robot: name of a shipped or imported robot, or path of a robot.yaml or of
             its folder.
         motion: name of a motion (`dance`, `cmu:05_02`, a path); "" if `keyframes`

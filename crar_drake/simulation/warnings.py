@@ -52,7 +52,7 @@ def _of_the_motion(scenario: Scenario, report: MotionReport | None) -> Iterator[
     text = "; ".join(findings[:_MOST])
     if len(findings) > _MOST:
         text += f"; and {len(findings) - _MOST} more"
-    command = ["crar-drake", "motion", scenario.motion]
+    command = ["crar-drake", "show", scenario.motion]
     if scenario.skeleton:
         command += ["--skeleton", scenario.skeleton]
     if scenario.frame_rate is not None:

@@ -107,10 +107,10 @@ COMMANDS = {
     "clean": "clean",
     "convert": "convert",
     "import": "import-robot",
-    "catalogue": "list",
-    "motion": "motion",  # what is in a person's or a robot's motion
-    "page": "playback",  # of a log
-    "compare": "compare",
+    "catalogue": "show",
+    "motion": "show",  # what is in a person's or a robot's motion
+    "page": "show",  # of a log
+    "compare": "show",
 }
 
 # Neutral name to the option, where it is not --name; with the command before it, where
@@ -500,7 +500,6 @@ _SHORT = ("--duration", "0.05", "--no-recording")
 # The first whose beginning fits; a command without any fails its test.
 PAGE_RULES = [
     Rule(f"{PROGRAM} COMMAND --help", elsewhere="test_every_commands_help"),
-    Rule(f"{PROGRAM} list", ()),
     Rule(f"{PROGRAM} run [a-z0-9]+_standing", elsewhere="test_a_robot_that_stands"),
     Rule(f"{PROGRAM} run (g1|SCENARIO)", elsewhere="minutes of a humanoid's work"),
     Rule(f"{PROGRAM} run", _SHORT),
@@ -511,8 +510,8 @@ PAGE_RULES = [
         elsewhere="test_before_it_is_violated_and_after_it_is_not",
     ),
     Rule(f"{PROGRAM} retarget", elsewhere="test_it_moves_like_the_person_as_it_did"),
-    Rule(f"{PROGRAM} compare .*csv", ("--no-meshes",)),
-    Rule(f"{PROGRAM} (convert|motion|playback|compare)", ()),
+    Rule(f"{PROGRAM} show .*csv .*csv", ("--no-meshes",)),
+    Rule(f"{PROGRAM} (convert|show)", ()),
     Rule(f"{PROGRAM} serve --joints", ("--port", "0", *_SHORT[:2])),
     Rule(f"{PROGRAM} serve", elsewhere="test_it_serves_and_ends"),
     Rule(f"{PROGRAM} play", elsewhere="test_it_plays_and_ends"),

@@ -144,8 +144,8 @@ MISTAKES = {
     "a file that is not there": Mistake(
         product.words("motion", "nowhere.bvh"), ("nowhere.bvh", "check the path")
     ),
-    "one run to compare": Mistake(
-        product.words("compare", "one.npz"), ("2 to 6", "not 1")
+    "an option of another thing": Mistake(
+        product.words("page", "dance", overlay=True), ("--overlay", "several logs")
     ),
     # --- of scenarios
     "an unknown key": of_scenario(

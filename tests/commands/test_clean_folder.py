@@ -8,7 +8,8 @@ from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
 from crar_drake.references.clean_folder import clean_folder
-from crar_drake.references.folders import FileResult, find_references
+from crar_drake.references.each_file import FileResult
+from crar_drake.references.folders import find_references
 
 
 @pytest.fixture(scope="module")

@@ -170,4 +170,4 @@ def test_ctrl_c_twice_keeps_the_log(folder, monkeypatch, capsys, where):
     assert "Traceback" not in told
     if where == "after the end":
         assert names(folder / "kept") == ["log.npz"]
-        assert "crar-drake playback kept/log.npz makes a page" in told
+        assert "crar-drake show kept/log.npz makes a page" in told

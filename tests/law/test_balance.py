@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ground_demand import ground_wrench
 from scipy.spatial import ConvexHull
 from standing_robots import APART, PAD, standing_robot, tipping_cell
 
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.law.control_law import ControlLaw
 from crar_drake.law.parameters import BalanceParameters, LookaheadParameters
-from crar_drake.references.ground_demand import ground_wrench
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.soles import masses_on_soles, shrunk, sole_corners
 from crar_drake.robot.standing import standing_description

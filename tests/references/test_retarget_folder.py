@@ -13,7 +13,7 @@ from small_walker import walker
 from crar_drake.commands import main
 from crar_drake.errors import CrarError, MotionError
 from crar_drake.motion.options import MotionOptions
-from crar_drake.references import folders as folders_module
+from crar_drake.references import each_file
 from crar_drake.references.folders import find_references
 from crar_drake.references.retarget_file import retarget_file
 from crar_drake.references.retarget_folder import (
@@ -127,7 +127,7 @@ def test_what_is_finished_in_the_same_way_is_not_done_again(
     asf.write_bytes(before)
     assert done == sorted([*failing, "one.amc"])
     # A batch that takes long gives back what it has.
-    monkeypatch.setattr(folders_module, "_LONG", -1.0)
+    monkeypatch.setattr(each_file, "_LONG", -1.0)
     files, done = retarget(places, tmp_path / "other", jobs=1)
     assert len(done) == 4 + 3 + 2 + 1 and len(files) == 4
 

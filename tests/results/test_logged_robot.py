@@ -62,7 +62,7 @@ def test_playback_and_judge_from_another_folder(
     assert capsys.readouterr().out.startswith("arm following keyframes")
     assert main(["judge", log]) == 0
     assert "0 in penetration" in capsys.readouterr().out
-    assert main(["playback", log, "--out", "page.html"]) == 0
+    assert main(["show", log, "--out", "page.html"]) == 0
     assert (elsewhere / "page.html").stat().st_size > 100_000
 
 
@@ -74,7 +74,7 @@ def test_a_robot_that_moved_is_named_and_can_be_given(
     capsys.readouterr()
     moved = (project / "robots").rename(tmp_path / "moved")
     monkeypatch.chdir(tmp_path)
-    for command in ("judge", "playback"):
+    for command in ("judge", "show"):
         message = refused(capsys, command, "project/log/log.npz")
         assert str(project / "robots" / "arm" / "robot.yaml") in message
         assert "--robot" in message
@@ -112,7 +112,7 @@ def test_an_import_that_is_not_in_the_cache_names_the_command(
     ):
         imported = log.scenario.replace("robot: obstacle_arm", f"robot: {robot}")
         replace(log, scenario=imported).save("log.npz")
-        for argv in (["judge", "log.npz"], ["playback", "log.npz"]):
+        for argv in (["judge", "log.npz"], ["show", "log.npz"]):
             assert command in refused(capsys, *argv)
         Path("s.yaml").write_text(f"robot: {robot}\nmotion: dance\nexperiment: wrists")
         assert command in refused(capsys, "run", "s.yaml")
@@ -139,7 +139,7 @@ def test_a_robot_that_changed_is_refused(project, monkeypatch, capsys):
     description.write_text("".join(lines[:last_pair] + lines[last_pair + 1 :]))
     log = SimulationLog.load("log/log.npz")
     assert len(load_logged_robot(log).pairs) == len(log.pair_names) - 1
-    for command in ("judge", "playback"):
+    for command in ("judge", "show"):
         message = refused(capsys, command, "log/log.npz")
         assert "14 watched pairs but robot obstacle_arm 13" in message
     with pytest.raises(ModelError, match="no robot 'gone'"):

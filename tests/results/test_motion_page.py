@@ -288,7 +288,7 @@ def test_of_several_motions_that_is_shown_which_changed_most(made, tmp_path, cap
     assert "the page is of wild" in capsys.readouterr().out
     page = out.with_suffix(".html")
     assert read_data(page)["title"] == "both.pkl, wild"
-    command = ["compare", str(both), str(out), "--robot", str(folder), "--out"]
+    command = ["show", str(both), str(out), "--robot", str(folder), "--out"]
     assert main([*command, str(page), "--clip", "calm"]) == 0
     data = read_data(page)
     assert data["title"] == "both.pkl, calm"
@@ -300,11 +300,11 @@ def test_of_several_motions_that_is_shown_which_changed_most(made, tmp_path, cap
 def test_mistakes_are_told(made, tmp_path, capsys):
     folder, reference, out, page = made
     files = [str(reference), str(out)]
-    assert main(["compare", *files, "--out", str(tmp_path / "p.html")]) == 2
+    assert main(["show", *files, "--out", str(tmp_path / "p.html")]) == 2
     assert "--robot" in capsys.readouterr().err
     log = tmp_path / "log.npz"
     np.savez(log, time=np.zeros(1))
-    command = ["compare", files[0], str(log), "--robot", str(folder)]
+    command = ["show", files[0], str(log), "--robot", str(folder)]
     assert main([*command, "--out", str(tmp_path / "p.html")]) == 2
     assert f"{log} is no reference motion" in capsys.readouterr().err
     other = write_csv(tmp_path / "other.csv", np.zeros((5, 2)))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ground_demand import ground_wrench
 from pydrake.geometry import Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
@@ -26,7 +27,6 @@ from crar_drake import (
 from crar_drake.commands import main
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.law.parameters import BalanceParameters, LookaheadParameters
-from crar_drake.references.ground_demand import ground_wrench
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task

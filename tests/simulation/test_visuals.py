@@ -85,7 +85,7 @@ def test_the_recording_draws_them_and_the_command_says_so(robot, capsys):
     assert told in capsys.readouterr().out
     assert main(["run", "s.yaml", "--out", "else", "--no-recording"]) == 0
     assert "visual geometry" not in capsys.readouterr().out
-    assert main(["playback", "it/log.npz"]) == 0
+    assert main(["show", "it/log.npz"]) == 0
     assert "no visual geometry: its collision shapes are drawn" in (
         capsys.readouterr().out
     )

@@ -94,7 +94,7 @@ def test_findings_are_repeated_in_one_line(dance):
 
     one = replace(clean, flips=(Flip("rthumb", 3, 3.0), Flip("rthumb", 9, 3.0)))
     assert line(one) == (
-        "motion: 1 finding: rthumb flips 2 times; see crar-drake motion dance"
+        "motion: 1 finding: rthumb flips 2 times; see crar-drake show dance"
     )
     many = replace(
         one, jumps=(Jump("neck", 3, 0.1), Jump("waist", 3, 0.1)), doubts=("a giant",)
@@ -102,7 +102,7 @@ def test_findings_are_repeated_in_one_line(dance):
     text = line(many, motion="my walk.amc", skeleton="a.asf", frame_rate=59.94)
     assert text == (
         "motion: 4 findings: a giant; rthumb flips 2 times; and 2 more; see "
-        "crar-drake motion 'my walk.amc' --skeleton a.asf --frame-rate 59.94"
+        "crar-drake show 'my walk.amc' --skeleton a.asf --frame-rate 59.94"
     )
 
 

@@ -17,12 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces, QuaternionFloatingJoint
-from scipy.spatial import ConvexHull, QhullError
 
-from crar_drake.errors import ModelError
-
-# Points of a planted foot support that are not higher above the floor [m].
-_ON_THE_FLOOR = 0.01
 _LEAST_FORCE = 0.05  # of the weight, below which there is no centre of pressure
 
 
@@ -44,14 +39,6 @@ class GroundWrench:
             [(floor * f[:, 0] - n[:, 1]) / up, (floor * f[:, 1] + n[:, 0]) / up]
         )
 
-    @property
-    def friction(self) -> np.ndarray:
-        """(T,) horizontal over vertical force; NaN where hardly anything pushes up."""
-        up = np.where(
-            self.force[:, 2] > _LEAST_FORCE * self.weight, self.force[:, 2], np.nan
-        )
-        return np.linalg.norm(self.force[:, :2], axis=1) / up
-
 
 def ground_wrench(
     plant: MultibodyPlant, q: np.ndarray, v: np.ndarray, vdot: np.ndarray
@@ -61,17 +48,9 @@ def ground_wrench(
     Args:
         plant: finalized; its only robot floats by a quaternion.
         q: (T, nq), v: (T, nv), vdot: (T, nv) of the motion.
-
-    Raises:
-        ModelError: no link, or more than one, floats by a quaternion.
     """
     joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
     floating = [j for j in joints if isinstance(j, QuaternionFloatingJoint)]
-    if len(floating) != 1:
-        raise ModelError(
-            f"{len(floating)} links float; what the ground gives is known of one robot "
-            "the root of which floats"
-        )
     (root,) = floating
     at = root.velocity_start()
     context = plant.CreateDefaultContext()
@@ -88,49 +67,3 @@ def ground_wrench(
     mass = plant.CalcTotalMass(context)
     gravity = float(np.linalg.norm(plant.gravity_field().gravity_vector()))
     return GroundWrench(forces, moments, mass * gravity)
-
-
-def outside_support(
-    centres: np.ndarray,
-    soles: dict[str, np.ndarray],
-    planted: dict[str, np.ndarray],
-) -> np.ndarray:
-    """(T,) how far each centre of pressure on the floor z = 0 is outside the support
-    [m].
-
-    It is 0 or less inside, and NaN where there is no centre or no foot is planted.
-
-    Args:
-        centres: (T, 2) [m].
-        soles: foot to (T, V, 3) points of its surface [m].
-        planted: foot to (T,) whether it is planted.
-    """
-    outside = np.full(len(centres), np.nan)
-    for t in np.flatnonzero(np.isfinite(centres).all(axis=1)):
-        points = [
-            p[t][p[t][:, 2] <= _ON_THE_FLOOR][:, :2]
-            for foot, p in soles.items()
-            if planted[foot][t]
-        ]
-        points = np.concatenate([np.empty((0, 2)), *points])
-        if len(points):
-            outside[t] = _distance_outside(centres[t], points)
-    return outside
-
-
-def _distance_outside(point: np.ndarray, points: np.ndarray) -> float:
-    """How far a point is outside the hull of others in the plane; negative inside."""
-    try:
-        hull = ConvexHull(points)
-    except (QhullError, ValueError):  # one point, or all in a line
-        return float(np.linalg.norm(points - point, axis=1).min())
-    inside = float((hull.equations[:, :2] @ point + hull.equations[:, 2]).max())
-    if inside <= 0.0:
-        return inside
-    a, b = points[hull.simplices[:, 0]], points[hull.simplices[:, 1]]
-    way = b - a
-    share = np.sum((point - a) * way, axis=1) / np.maximum(
-        np.sum(way**2, axis=1), 1e-18
-    )
-    nearest = a + np.clip(share, 0.0, 1.0)[:, None] * way
-    return float(np.linalg.norm(nearest - point, axis=1).min())

@@ -2,15 +2,8 @@
 
 import numpy as np
 import pytest
-from floating_robots import add_floater, make_floater, random_state
-from pydrake.systems.framework import DiagramBuilder
-
-from crar_drake.errors import ModelError
-from crar_drake.references.ground_demand import (
-    GroundWrench,
-    ground_wrench,
-    outside_support,
-)
+from floating_robots import make_floater, random_state
+from ground_demand import GroundWrench, ground_wrench
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +53,6 @@ def test_at_rest_the_centre_is_below_the_centre_of_mass(floater):
     p = plant.CalcCenterOfMassPositionInWorld(context)
     np.testing.assert_allclose(found.centres()[0], p[:2], atol=1e-9)
     np.testing.assert_allclose(found.force[0], [0, 0, found.weight], atol=1e-9)
-    assert found.friction[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_who_accelerates_leans():
@@ -73,32 +65,4 @@ def test_who_accelerates_leans():
         expected = p[:2] - (p[2] - floor) * a[:2] / g
         np.testing.assert_allclose(wrench.centres(floor)[0], expected, atol=1e-12)
     flying = GroundWrench(np.zeros((1, 3)), np.zeros((1, 3)), m * g)
-    assert np.isnan(flying.centres()).all() and np.isnan(flying.friction).all()
-
-
-def test_how_far_outside():
-    square = np.array([[x, y, 0.0] for x in (0.0, 1.0) for y in (0.0, 1.0)])
-    high = np.array([[5.0, 5.0, 0.5]])
-    soles = {
-        "left": np.tile(np.concatenate([square, high]), (5, 1, 1)),
-        "right": np.tile(square + [3.0, 0.0, 0.0], (5, 1, 1)),
-    }
-    planted = {
-        "left": np.array([1, 1, 1, 0, 1], dtype=bool),
-        "right": np.array([0, 0, 1, 0, 0], dtype=bool),
-    }
-    centres = np.array([[0.5, 0.9], [2.0, 2.0], [2.0, 0.5], [0.5, 0.5], [np.nan, 0]])
-    outside = outside_support(centres, soles, planted)
-    np.testing.assert_allclose(
-        outside, [-0.1, np.sqrt(2.0), -0.5, np.nan, np.nan], atol=1e-12
-    )
-    line = {"left": np.tile([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], (1, 1, 1))}
-    found = outside_support(np.array([[1.0, 0.3]]), line, {"left": np.array([True])})
-    assert found[0] == pytest.approx(0.3)
-
-
-def test_a_fixed_robot_asks_nothing_of_the_ground():
-    plant, _ = add_floater(DiagramBuilder(), "fixed")
-    n = plant.num_positions()
-    with pytest.raises(ModelError, match="0 links float"):
-        ground_wrench(plant, np.zeros((1, n)), np.zeros((1, n)), np.zeros((1, n)))
+    assert np.isnan(flying.centres()).all()

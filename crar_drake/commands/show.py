@@ -1,0 +1,275 @@
+"""`crar-drake show`: what is at hand, what is in a file, and pages to look at."""
+
+import argparse
+from pathlib import Path
+
+from crar_drake.commands.options import (
+    FILE_OPTIONS,
+    MOTION_HELP,
+    UsageError,
+    add_command,
+    add_file_options,
+    add_frame_rate,
+    add_reference_options,
+    add_skeleton,
+)
+from crar_drake.commands.output import OUT, label, tell_drawn
+from crar_drake.errors import printable
+
+# What is shown to the options that say something of it.
+_OPTIONS = {
+    "what is at hand": (),
+    "a person's motion": (*FILE_OPTIONS, "plot"),
+    "a robot's motion": ("robot", "layout", "frame_rate", "plot"),
+    "a log": ("robot", "out"),
+    "several logs": ("robot", "out", "label", "overlay"),
+    "several motions of a robot": (
+        *("robot", "out", "label", "overlay", "layout", "frame_rate"),
+        *("clip", "no_meshes"),
+    ),
+}
+
+
+def add(subparsers: argparse._SubParsersAction) -> None:
+    """Adds the command and its options."""
+    parser = add_command(
+        subparsers,
+        "show",
+        run,
+        "Without a file: list the robots, motions and scenarios that are at hand. Of a "
+        "motion of a person or a robot: print what is in it and what looks bad, and "
+        "plot it. Of a log: make a page to look at, without simulating again. Of "
+        "several logs, or several motions of a robot, such as before and after "
+        "cleaning: make one page with one time line.",
+    )
+    parser.add_argument(
+        "files",
+        nargs="*",
+        metavar="FILE",
+        help=f"a motion: {MOTION_HELP}; or the log.npz of a run, or its folder",
+    )
+    add_reference_options(parser, "; or of a log's, if it is not where it was")
+    add_frame_rate(parser)
+    group = parser.add_argument_group("of a motion")
+    add_skeleton(group)
+    add_file_options(group)
+    group.add_argument(
+        "--plot",
+        type=Path,
+        metavar="FILE",
+        help="picture to write (default: out/MOTION.png)",
+    )
+    group = parser.add_argument_group("of a page")
+    group.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="page to write (default: playback.html beside the log; of several "
+        f"{OUT / 'compare.html'})",
+    )
+    group.add_argument(
+        "--overlay",
+        action="store_true",
+        help="lay several robots over each other (default: side by side); the page "
+        "has a button for it, too",
+    )
+    group.add_argument(
+        "--label",
+        action="append",
+        metavar="TEXT",
+        help="what to call one of several, once for each in their order (default: "
+        "what they differ in)",
+    )
+    group.add_argument(
+        "--clip", metavar="NAME", help="which motion of files that hold several"
+    )
+    group.add_argument(
+        "--no-meshes",
+        action="store_true",
+        help="colour links by their capsules alone, which takes less time",
+    )
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Does what the arguments say."""
+    files = arguments.files
+    if not files:
+        from crar_drake.commands.listing import print_what_is_at_hand
+
+        _refuse_others(arguments, "what is at hand")
+        print_what_is_at_hand()
+    elif len(files) > 1:
+        _show_several(arguments)
+    elif (log := _log_of(files[0])) is not None:
+        _show_log(arguments, log)
+    else:
+        _show_motion(arguments, files[0])
+
+
+def _refuse_others(arguments: argparse.Namespace, what: str) -> None:
+    """Raises UsageError if an option is given that says nothing of what is shown."""
+    for name in sorted({name for names in _OPTIONS.values() for name in names}):
+        if name not in _OPTIONS[what] and getattr(arguments, name):
+            of = " or ".join(each for each in _OPTIONS if name in _OPTIONS[each])
+            before = f"{arguments.files[0]}: " if arguments.files else ""
+            option = name.replace("_", "-")
+            raise UsageError(f"{before}--{option} is of {of}, not of {what}")
+
+
+def _log_of(text: str) -> Path | None:
+    """The log that a file or a folder is or holds, or None: it is a motion."""
+    from crar_drake.motion.catalogue import builtin_names
+    from crar_drake.results import LOG
+    from crar_drake.results.log import is_log
+
+    path = Path(text)
+    if path.is_dir() and text not in builtin_names():
+        return path / LOG
+    return path if is_log(path) else None
+
+
+# --- a motion ---------------------------------------------------------------------
+
+
+def _show_motion(arguments: argparse.Namespace, motion: str) -> None:
+    from crar_drake.figures import check_picture
+    from crar_drake.motion.robots_own import holds_reference
+
+    plot = arguments.plot or OUT / f"{label(motion)}.png"
+    if arguments.plot is not None:
+        check_picture(plot)
+    if arguments.robot or arguments.layout or holds_reference(motion):
+        _refuse_others(arguments, "a robot's motion")
+        drawn = _describe_reference(arguments, motion, plot)
+    else:
+        _refuse_others(arguments, "a person's motion")
+        drawn = _describe_person(arguments, motion, plot)
+    if drawn:
+        print(plot)
+
+
+def _describe_person(arguments: argparse.Namespace, motion: str, plot: Path) -> bool:
+    """What is in a person's motion; whether there is a picture of it."""
+    from crar_drake.motion.catalogue import load_performer
+    from crar_drake.motion.options import MotionOptions
+    from crar_drake.motion.picture import plot_motion
+    from crar_drake.motion.report import describe, inspect
+
+    given = {name: getattr(arguments, name) for name in FILE_OPTIONS}
+    performer = load_performer(
+        motion, MotionOptions(**{name: value for name, value in given.items() if value})
+    )
+    report = inspect(performer)
+    for line in describe(report):
+        print(printable(line))
+    if report.obstacle and arguments.plot is None:
+        return False
+    plot_motion(performer, plot)
+    return True
+
+
+def _describe_reference(arguments: argparse.Namespace, motion: str, plot: Path) -> bool:
+    """What is in a motion of a whole robot, and a picture; a file may hold several."""
+    from crar_drake.commands.convert import reference_robot
+    from crar_drake.references.motion_files import read_motions
+    from crar_drake.references.motion_report import describe_motion, plot_robot_motion
+
+    robot = reference_robot(arguments)
+    motions = read_motions(
+        motion, layout=arguments.layout, rate=arguments.frame_rate, robot=robot
+    )
+    for each in motions:
+        for line in describe_motion(each, robot):
+            print(printable(line))
+    if len(motions) > 1:
+        print(f"{len(motions)} motions, of which the first is drawn")
+    plot_robot_motion(motions[0], plot)
+    return True
+
+
+# --- pages ------------------------------------------------------------------------
+
+
+def _show_log(arguments: argparse.Namespace, path: Path) -> None:
+    from crar_drake.files import check_file
+    from crar_drake.results.log import SimulationLog
+    from crar_drake.results.playback import record_log
+
+    _refuse_others(arguments, "a log")
+    log = SimulationLog.load(path)
+    out = arguments.out or path.with_name("playback.html")
+    check_file(out)
+    tell_drawn(record_log(log, out, robot=arguments.robot or ""))
+    print(out)
+
+
+def _show_several(arguments: argparse.Namespace) -> None:
+    """One page of several runs, or of several motions of a robot."""
+    from crar_drake.files import check_file
+    from crar_drake.motion.robots_own import holds_reference
+    from crar_drake.results import LOG
+    from crar_drake.results.log import SimulationLog
+    from crar_drake.results.playback import compare_logs, distinct_labels
+
+    paths = [Path(file) for file in arguments.files]
+    paths = [path / LOG if path.is_dir() else path for path in paths]
+    references = [path for path in paths if holds_reference(path)]
+    _refuse_others(
+        arguments, "several motions of a robot" if references else "several logs"
+    )
+    labels = arguments.label
+    if labels is not None and len(labels) != len(paths):
+        raise UsageError(
+            f"--label: given {len(labels)} times for {len(paths)} files; give it once "
+            "for each, or not at all"
+        )
+    out = arguments.out or OUT / "compare.html"
+    check_file(out)
+    if references:
+        _show_references(arguments, paths, references, out)
+    else:
+        logs = [SimulationLog.load(path) for path in paths]
+        folders = [path.absolute().parent.name for path in paths]
+        labels = labels or distinct_labels(logs, folders)
+        robot, overlay = arguments.robot or "", arguments.overlay
+        tell_drawn(compare_logs(logs, out, labels=labels, overlay=overlay, robot=robot))
+    print(out)
+
+
+def _show_references(
+    arguments: argparse.Namespace, paths: list[Path], references: list[Path], out: Path
+) -> None:
+    from crar_drake.results.motion_page import compare_files
+
+    others = [path for path in paths if path not in references]
+    if others:
+        raise UsageError(
+            f"{others[0]} is no reference motion, and {references[0]} is one: compare "
+            "runs, or reference motions"
+        )
+    if not arguments.robot:
+        raise UsageError("say which robot the motions are of: --robot ROBOT")
+    from crar_drake.robot.description import whole_body_name
+
+    compare_files(
+        paths,
+        out,
+        whole_body_name(arguments.robot),
+        labels=arguments.label or _file_labels(paths),
+        layout=arguments.layout,
+        rate=arguments.frame_rate,
+        clip=arguments.clip,
+        meshes=not arguments.no_meshes,
+        overlay=arguments.overlay,
+    )
+
+
+def _file_labels(paths: list[Path]) -> list[str]:
+    """What files are called: by their names, else by their folders, else by number."""
+    for labels in (
+        [path.name for path in paths],
+        [path.absolute().parent.name for path in paths],
+    ):
+        if len(set(labels)) == len(labels):
+            return labels
+    return [f"{path.name} {i + 1}" for i, path in enumerate(paths)]

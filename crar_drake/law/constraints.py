@@ -50,6 +50,7 @@ class RobotConstraints:
 
     Attributes:
         T: braking time constant wherever nothing asks for another [s].
+        errors: (nv,) how far joints may be from their commands [rad or m].
         pairs, limits: always there.
         motors, ground: None where nothing limits motors, or nobody stands.
         all: a list, to which a user may append others; moving obstacles come last.
@@ -81,7 +82,7 @@ class RobotConstraints:
         least = LEAST_PERIODS * self.period
         self._choices = sorted(x for x in choices if x >= least or x == self.T)
         plant = model.plant
-        errors = joint_errors(gains, model)
+        self.errors = errors = joint_errors(gains, model)
         lower, upper = narrowed_limits(errors, model)
         reaches = find_reaches(
             *(model.joints, model.pairs, model.order),

@@ -29,6 +29,7 @@ from crar_drake.law.parameters import (
 )
 from crar_drake.law.spheres import MovingSpheres
 from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED, Constraint, State, Step
+from crar_drake.law.tracking_error import not_followed
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
 
@@ -38,6 +39,7 @@ Joints = ArrayLike | Mapping[str, float]
 NOMINAL, BRAKING, OBSTACLE = "nominal", "braking", MovingSpheres.name
 _HOW = {AS_NOMINAL: NOMINAL, CORRECTED: "corrected", SCALED: "scaled"}
 CATCHING_UP, NO_NUMBER, NO_SENSE = "catching up", "no number", "no sense"
+NOT_FOLLOWED = "tracking error"
 
 # Other braking time constants are these times T: shorter ones where a robot moves so
 # fast at the start that its path over T is not collision-free, longer ones for weak
@@ -52,18 +54,20 @@ class FilterReport:
     Attributes:
         how: "nominal": the command is the wanted one, to the last bit; "corrected":
             the nearest that is safe; "scaled": a share of that, towards braking;
-            "braking": nothing usable was wanted.
+            "braking": nothing usable was wanted, or the robot is elsewhere.
         share: of the corrected step that was taken, 1 unless scaled; 0 braking [1].
         why: what the wanted command ran into: "pair" (of links), "joint limit",
             "joint speed", "motor", "obstacle"; "catching up", where the command was
             held back before and returns to the wanted one; "no number", a NaN or
-            infinity; "no sense", numbers so large that they overflow; "".
+            infinity; "no sense", numbers so large that they overflow; "tracking
+            error", where a joint was measured farther from its command than
+            `SafetyParameters.tracking_error` says, or as no number; "".
         pair: the two links that come too near, or hold the command back; or None.
         joint: the joint that `why` is about, or that binds besides; or None.
         clearance: no watched distance is smaller on the braking path from the command
             [m]; a bound from below. NaN while it brakes.
         clear: whether joints were within their limits, and the path that the step
-            started with is known to be clear.
+            started with is known to be clear; False with a "tracking error".
         motor_use: the largest share of a motor's limit that the command takes, now or
             braking after it [1]; NaN without effort limits, and while it brakes.
         T: braking time constant over which the next state is safe [s].
@@ -274,7 +278,9 @@ class SafetyFilter:
                 motion is going, which helps where it cannot be had as it is.
             a: wanted accelerations [rad/s^2 or m/s^2].
             measured: positions and velocities of the robot now. At the first call the
-                filter starts there; later they are compared with the command before.
+                filter starts there; later they are compared with the command before,
+                and the robot brakes while it is farther from that than the stated
+                `tracking_error`, or no number is measured.
             obstacles: that move by themselves, where they are now; they replace all
                 before. Where none are given, those before may be anywhere that their
                 speeds let them be since.
@@ -327,12 +333,14 @@ class SafetyFilter:
         Returns:
             What the next step is to be given, with the `command`.
         """
-        error, worst = self._tracking(memory, measured)
+        error, worst, lost = self._tracking(memory, measured)
         before = memory.braking
         if obstacles is not None:
             given = before.regions, obstacles, memory.q, memory.v
             before = replace(before, regions=self.among.regions(*given))
         desired = self._desired(memory, q, v, a)
+        if lost is not None:
+            return self._brake(memory, before, NOT_FOLLOWED, error, worst, lost)
         if not desired.is_finite():
             return self._brake(memory, before, NO_NUMBER, error, worst)
 
@@ -509,14 +517,17 @@ class SafetyFilter:
 
     def _tracking(
         self, memory: FilterMemory, measured: tuple[Joints, Joints] | None
-    ) -> tuple[float, str | None]:
-        """The largest difference of what is measured from the command before."""
+    ) -> tuple[float, str | None, str | None]:
+        """The largest difference of what is measured from the command before; and the
+        joint that is farther from it than stated."""
         if measured is None:
-            return np.nan, None
+            return np.nan, None, None
         q = self._measured(measured)[0]
         error = np.abs(q - memory.q)
         worst = int(np.argmax(error))  # the first NaN, if there is one
-        return float(error[worst]), self.joint_names[worst]
+        lost = not_followed(error, self._robot.errors)
+        name = None if lost < 0 else self.joint_names[lost]
+        return float(error[worst]), self.joint_names[worst], name
 
     def _brake(
         self,
@@ -525,6 +536,7 @@ class SafetyFilter:
         why: str,
         error: float,
         worst: str | None,
+        lost: str | None = None,
     ) -> FilterMemory:
         """q_ddot = -q_dot / T: a part of the present braking path."""
         still = np.zeros(self._n)
@@ -533,11 +545,11 @@ class SafetyFilter:
         v = memory.v + self._period * vdot
         q = memory.q + self._period * v
         regions, too_fast = before.regions, ()
-        clear = self._robot.is_clear(state.q, state.known, regions)
+        clear = lost is None and self._robot.is_clear(state.q, state.known, regions)
         if regions is not None:
             too_fast, regions = regions.too_fast, regions.later(self._period)
         report = FilterReport(
-            *(BRAKING, 0.0, why, None, None, np.nan, clear, error, worst),
+            *(BRAKING, 0.0, why, None, lost, np.nan, clear, error, worst),
             too_fast=too_fast,
             T=state.T,
         )

@@ -185,14 +185,15 @@ def AddCrarController(
             "obstacle_speeds have no effect: the paper's law takes no notice of "
             "obstacles that move; take LookaheadParameters, or leave them out"
         )
-    for other in builder.GetSystems():
-        theirs = getattr(other, "border", None)
-        if theirs is not None and border.can_touch(theirs):
-            border.said.append(
-                f"{theirs.name} and {border.name} can touch, and their controllers do "
-                "not see each other: give both to one controller as model_instance, or "
-                "exclude their contact by a collision filter"
-            )
+    others = [getattr(other, "border", None) for other in builder.GetSystems()]
+    unseen = {
+        other: f"{other.name} and {border.name} can touch, and their controllers do "
+        "not see each other: give both to one controller as model_instance, or "
+        "exclude their contact by a collision filter"
+        for other in others
+        if other is not None and border.can_touch(other)
+    }
+    border.said += unseen.values()
     border.tell(strict)
     controller = connect_controller(
         builder,
@@ -205,6 +206,8 @@ def AddCrarController(
         strict=strict,
     )
     controller.border = border
+    for other, line in unseen.items():
+        other.said.append(line)
     return controller
 
 

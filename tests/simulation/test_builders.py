@@ -224,7 +224,7 @@ def test_a_post_is_watched_by_default():
 
 def test_two_arms_of_one_kind():
     """Under a controller each, far apart: nothing to say. Near one another they do not
-    see each other; under one controller they do."""
+    see each other, and neither promises anything; under one controller they do."""
     for apart, says in ((5.0, silence()), (1.0, told("do not see each other"))):
         cell = Cell()
         arms = [cell.arm(), cell.arm(at=(0.0, apart, 0.0))]
@@ -233,8 +233,7 @@ def test_two_arms_of_one_kind():
             controllers = [cell.control(model_instance=arm) for arm in arms]
         cell.run(*controllers, seconds=0.3)
         assert max(cell.errors) < 0.1
-        assert cell.promises[0] == "guaranteed"
-        assert cell.promises[1] == ("guaranteed" if apart > 2.0 else "set-up")
+        assert set(cell.promises) == {"guaranteed" if apart > 2.0 else "set-up"}
     cell = Cell()
     arms = [cell.arm(), cell.arm(at=(0.0, 1.0, 0.0))]
     cell.plant.Finalize()

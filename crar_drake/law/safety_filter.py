@@ -17,7 +17,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crar_drake.errors import InputError, ModelError, ScenarioError, nearest
+from crar_drake.errors import InputError, ModelError, ScenarioError, nearest, tell
 from crar_drake.law.constraints import Braking, RobotConstraints
 from crar_drake.law.joint_command import JointCommand, all_finite
 from crar_drake.law.motors import Motors
@@ -182,7 +182,8 @@ class SafetyFilter:
         Args:
             robot: the name of a shipped or imported robot, the path of a robot.yaml or
                 of its folder, a description, or a control model, whose plant and
-                shapes then count (a post beside the robot, say).
+                shapes then count (a post beside the robot, say), see
+                `MakeControlModel`.
             period: between two calls [s].
             parameters: margin, speeds, errors; by default `SafetyParameters()`.
             effort_limits: whether the torque of a command, by the model, stays within
@@ -193,6 +194,9 @@ class SafetyFilter:
                 model's base floats.
             ScenarioError: a number is out of range, or what is given for one is not a
                 number.
+
+        Warns:
+            CrarWarning: no pair of links is watched.
         """
         if not isinstance(period, Real):
             raise ScenarioError(f"filter.period: {period!r} is no number of seconds")
@@ -210,6 +214,13 @@ class SafetyFilter:
             gains.check_safety()
         self.parameters = gains
         self.model = model = _joint_model(robot, effort_limits)
+        if not model.pairs.names:
+            tell(
+                f"robot {model.description.name}: no pair of links is watched, nothing "
+                "is kept apart: name pairs in the description; MakeControlModel finds "
+                "those of your plant",
+                strict=False,
+            )
         self._period = float(period)
         self.joint_names = tuple(model.joint_names)
         self._n = model.n

@@ -28,6 +28,7 @@ class Border:
     """A part of a plant as one controller takes it.
 
     Attributes:
+        instances: of the robot, sorted.
         name: of the robot, its model instances.
         said: what a user has to know, a line each.
     """
@@ -37,8 +38,8 @@ class Border:
     ) -> None:
         self._plant, self._part = plant, part
         self._scene_graph = scene_graph
-        instances = sorted(part.instances)
-        self.name = ", ".join(map(plant.GetModelInstanceName, instances))
+        self.instances = sorted(part.instances)
+        self.name = ", ".join(map(plant.GetModelInstanceName, self.instances))
         self.said: list[str] = []
         self._model: ControlModel | None = None
 

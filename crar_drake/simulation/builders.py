@@ -159,27 +159,15 @@ def AddCrarController(
             shapes that can touch and are not watched, pairs that cannot be examined,
             another controller's robot within reach, arguments without effect.
     """
-    tasks = check_tasks(tasks)
     parameters = LookaheadParameters() if parameters is None else parameters
     for name, given, kind in (
         ("builder", builder, DiagramBuilder),
-        ("plant", plant, MultibodyPlant),
-        ("scene_graph", scene_graph, SceneGraph),
         ("parameters", parameters, Parameters),
     ):
         if not isinstance(given, kind):
             raise ModelError(f"{name} cannot be a {type(given).__name__}")
     parameters.validate()
-    if not plant.is_finalized():
-        raise ModelError("the plant is not finalized: call plant.Finalize() first")
-    part = Part(plant, _instances(plant, model_instance))
-    border = Border(plant, scene_graph, part)
-    description = RobotDescription(
-        name=border.name,
-        prescribed_joints={name: "hold" for name in border.joints(prescribed)},
-        task_frames={t.frame: border.scoped(t.frame) for t in tasks if t.frame},
-    )
-    model = border.model(description, tasks, watch)
+    border, model = _seen(plant, scene_graph, tasks, model_instance, watch, prescribed)
     if np.size(obstacle_speeds) and not isinstance(parameters, LookaheadParameters):
         border.said.append(
             "obstacle_speeds have no effect: the paper's law takes no notice of "
@@ -200,7 +188,7 @@ def AddCrarController(
         plant,
         model,
         parameters,
-        sorted(part.instances),
+        border.instances,
         estimated_state=estimated_state,
         obstacle_speeds=obstacle_speeds,
         strict=strict,
@@ -209,6 +197,61 @@ def AddCrarController(
     for other, line in unseen.items():
         other.said.append(line)
     return controller
+
+
+def MakeControlModel(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    tasks: Sequence[Task] = (),
+    *,
+    model_instance: Instances | None = None,
+    watch: Sequence[Sequence[str]] | None = None,
+    strict: bool = False,
+) -> ControlModel:
+    """The model that `AddCrarController` computes with, for a `SafetyFilter` or a
+    `ControlLaw` without a diagram; a filter needs no tasks.
+
+    Args:
+        plant, scene_graph, tasks, model_instance, watch, strict: as of
+            `AddCrarController`.
+
+    Raises:
+        ModelError: as of `AddCrarController`.
+
+    Warns:
+        CrarWarning: as of `AddCrarController`, of pairs.
+    """
+    border, model = _seen(plant, scene_graph, tasks, model_instance, watch)
+    border.tell(strict)
+    return model
+
+
+def _seen(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    tasks: Sequence[Task],
+    model_instance: Instances | None,
+    watch: Sequence[Sequence[str]] | None,
+    prescribed: Sequence[str] = (),
+) -> tuple[Border, ControlModel]:
+    """The border of a robot in a plant, and the model of what is within."""
+    for name, given, kind in (
+        ("plant", plant, MultibodyPlant),
+        ("scene_graph", scene_graph, SceneGraph),
+    ):
+        if not isinstance(given, kind):
+            raise ModelError(f"{name} cannot be a {type(given).__name__}")
+    if not plant.is_finalized():
+        raise ModelError("the plant is not finalized: call plant.Finalize() first")
+    part = Part(plant, _instances(plant, model_instance))
+    border = Border(plant, scene_graph, part)
+    tasks = check_tasks(tasks)
+    description = RobotDescription(
+        name=border.name,
+        prescribed_joints={name: "hold" for name in border.joints(prescribed)},
+        task_frames={t.frame: border.scoped(t.frame) for t in tasks if t.frame},
+    )
+    return border, border.model(description, tasks, watch)
 
 
 def connect_controller(

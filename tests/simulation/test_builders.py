@@ -26,9 +26,11 @@ from crar_drake import (
     AddRobot,
     CrarWarning,
     LookaheadParameters,
+    MakeControlModel,
     ModelError,
     PaperParameters,
     RobotDescription,
+    SafetyFilter,
     ScenarioError,
     Task,
     joint_tasks,
@@ -527,6 +529,30 @@ def test_no_pair_to_watch():
         cell.control()
     with silence():
         cell.control(watch=[])
+    of = cell.plant, cell.scene_graph
+    with pytest.raises(ModelError, match="no pair of shapes is left"):
+        MakeControlModel(*of)
+    with silence():
+        model = MakeControlModel(*of, watch=[])
+    with told("robot chain: no pair of links is watched"):
+        SafetyFilter(model)
+
+
+def test_a_filter_of_ones_own_plant_watches_what_the_controller_would():
+    cell = with_arm()
+    cell.thing(Sphere(0.1), [2.0, 0.0, 0.0], "ball", free=True)
+    post = meets_at_rest(cell)
+    cell.plant.Finalize()
+    of = cell.plant, cell.scene_graph
+    with told("l2 - post meet at rest and are not watched"):
+        model = MakeControlModel(*of, **post)
+    with pytest.raises(ModelError, match="l2 - post meet at rest"):
+        MakeControlModel(*of, strict=True)
+    with silence():
+        filter = SafetyFilter(model)
+    with told("l2 - post meet at rest"):
+        assert cell.control().model.pairs.names == model.pairs.names
+    assert ("l1", "post") in model.pairs.names and filter.model is model
 
 
 def test_a_start_inside_a_post():

@@ -39,6 +39,9 @@ _NOTHING = np.zeros(0)
 # Of a motor's limit: by so little more it is not beyond [1].
 _ROUNDING = 1e-9
 
+# A joint that counts as locked may be so far from there [rad or m].
+_LOCKED = 1e-3
+
 # All that is reported of a solution, at once.
 _reported = attrgetter(*(diagnostic.key for diagnostic in ALL))
 
@@ -69,6 +72,7 @@ class CrarController(LeafSystem):
         desired_prescribed ──►│ CrarController ├──► position_command
         nominal_posture ─────►│                ├──► diagnostics
         obstacles (if any) ──►│                │
+        locked_positions ────►│                │
                               └────────────────┘
 
     Notation: W the world frame; T a task's frame or point; q, v the plant's
@@ -88,6 +92,9 @@ class CrarController(LeafSystem):
             themselves, now, in W [m]. Only there if their speeds are given, and
             connected or not: where it is not, there are none. Constraints "lookahead"
             alone keep off them (`docs/theory/moving-obstacles.md`).
+        locked_positions: (k,) measured positions of joints that the control model has
+            locked, of a gripper that the robot carries [rad or m]; only if there are
+            any, and connected or not. The part "promise" alone depends on them.
 
     Output ports:
         actuation: (nu,) efforts in the plant's actuator order [Nm or N], at the state
@@ -155,6 +162,7 @@ class CrarController(LeafSystem):
         parameters: Parameters | None = None,
         *,
         plant_is_discrete: bool = True,
+        locked_positions: Sequence[float] = (),
         obstacle_speeds: Sequence[float] = (),
         strict: bool = False,
     ) -> None:
@@ -164,6 +172,8 @@ class CrarController(LeafSystem):
             parameters: gains and modes; by default `LookaheadParameters()`.
             plant_is_discrete: whether the plant that takes the torque is discrete;
                 see the class documentation for what it changes.
+            locked_positions: (k,) where joints are locked in the model [rad or m]; more
+                than 1e-3 from there is elsewhere.
             obstacle_speeds: (N,) bounds of the speeds of obstacles [m/s].
             strict: whether a start inside a pair or beyond a limit, of which the first
                 step warns (CrarWarning), is an error.
@@ -201,6 +211,13 @@ class CrarController(LeafSystem):
         self._obstacles = ObstaclePort(self, obstacle_speeds)
         if self._obstacles and safe:
             self.law.among  # noqa: B018 (what does not go with them is refused now)
+
+        self._locked = np.asarray(locked_positions, dtype=float)
+        self._locked_port = None
+        if len(self._locked):
+            self._locked_port = self.DeclareVectorInputPort(
+                "locked_positions", len(self._locked)
+            )
 
         nothing_yet, still = Memory(), np.zeros(nv)
         self._start = Solution(
@@ -356,14 +373,19 @@ class CrarController(LeafSystem):
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
         solution = self._EvalSolution(context)
-        parts = *_reported(solution), [self._Promise(solution)]
+        parts = *_reported(solution), [self._Promise(context, solution)]
         output.SetFromVector(np.concatenate(parts))
 
-    def _Promise(self, solution: Solution) -> float:
+    def _Promise(self, context: Context, solution: Solution) -> float:
         """What is missing of the promise; the first of PROMISES that is."""
+        port, elsewhere = self._locked_port, False
+        if port is not None and port.HasValue(context):
+            off = np.abs(port.Eval(context) - self._locked)
+            elsewhere = not (off <= _LOCKED).all()
         missing = (
             self.law.parameters.constraints != "lookahead",
             self.border is not None and bool(self.border.said),
+            elsewhere,
             solution.status[0] == STATUS_IMPLAUSIBLE,
             solution.admission[3] != 1.0,
             solution.torque_limit[1] > _ROUNDING,

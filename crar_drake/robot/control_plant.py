@@ -44,6 +44,7 @@ class Part:
             move.
         bodies: these, and what is welded to the world.
         moved: indices of the robot's joints.
+        locked: of joints that move and are not the robot's, between what it carries.
         moved_by: of each body, the joints of these that move it.
     """
 
@@ -80,6 +81,13 @@ class Part:
                 if joint.num_velocities() and joint.index() in self.moved
             )
         self.bodies = sorted(self.carried | fixed)
+        self.locked = [
+            joint.index()
+            for joint in joints
+            if joint.child_body().index() in self.carried
+            and joint.num_velocities()
+            and joint.index() not in self.moved
+        ]
 
 
 def _above(body: RigidBody, carriers: dict[BodyIndex, Joint]) -> Iterator[Joint]:

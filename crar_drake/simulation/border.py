@@ -29,6 +29,7 @@ class Border:
 
     Attributes:
         instances: of the robot, sorted.
+        locked: indices of the joints that count as locked.
         name: of the robot, its model instances.
         said: what a user has to know, a line each.
     """
@@ -38,7 +39,7 @@ class Border:
     ) -> None:
         self._plant, self._part = plant, part
         self._scene_graph = scene_graph
-        self.instances = sorted(part.instances)
+        self.instances, self.locked = sorted(part.instances), part.locked
         self.name = ", ".join(map(plant.GetModelInstanceName, self.instances))
         self.said: list[str] = []
         self._model: ControlModel | None = None

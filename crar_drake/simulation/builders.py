@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex
+from pydrake.multibody.tree import FixedOffsetFrame, JointIndex, ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import MatrixGain
 
@@ -117,9 +117,9 @@ def AddCrarController(
     """Adds a controller of a robot in a plant and connects state and actuation.
 
     It computes with a plant of its own, made from `plant` as it is now: the robot, what
-    hangs on it (joints of a gripper are locked at their default positions), what is
-    welded to the world; the same gravity and time step. Its nominal posture is that of
-    the default positions.
+    hangs on it (joints of a gripper count as locked at their default positions, and
+    while one is elsewhere, nothing is promised), what is welded to the world; the same
+    gravity and time step. Its nominal posture is that of the default positions.
 
     What remains to be connected are `desired_tasks` and, if there are prescribed
     joints, `desired_prescribed`; see `CrarController` for what they carry.
@@ -189,6 +189,7 @@ def AddCrarController(
         model,
         parameters,
         border.instances,
+        border.locked,
         estimated_state=estimated_state,
         obstacle_speeds=obstacle_speeds,
         strict=strict,
@@ -260,6 +261,7 @@ def connect_controller(
     model: ControlModel,
     parameters: Parameters,
     instances: Sequence[ModelInstanceIndex] = (),
+    locked: Sequence[JointIndex] = (),
     *,
     estimated_state: OutputPort | None = None,
     obstacle_speeds: Sequence[float] = (),
@@ -270,6 +272,7 @@ def connect_controller(
     Args:
         model: of the robot in the plant, its time step included.
         instances: of the robot, if other things in the plant move.
+        locked: joints that the model has locked where they are by default.
         estimated_state, obstacle_speeds, strict: as of `AddCrarController`.
 
     Raises:
@@ -288,10 +291,16 @@ def connect_controller(
         raise ModelError(
             "the robot's actuation is connected already, to another controller perhaps"
         )
+    carried = [
+        joint.position_start() + k
+        for joint in map(plant.get_joint, locked)
+        for k in range(joint.num_positions())
+    ]
     controller = CrarController(
         model,
         parameters,
         plant_is_discrete=plant.time_step() > 0.0,
+        locked_positions=plant.GetDefaultPositions()[carried],
         obstacle_speeds=obstacle_speeds,
         strict=strict,
     )
@@ -301,6 +310,12 @@ def connect_controller(
         number += 1
         controller.set_name(f"{name}_{number}")
     builder.AddSystem(controller)
+    if carried:
+        picks = np.eye(plant.num_multibody_states())[carried]
+        builder.Connect(
+            _picked(builder, picks, plant.get_state_output_port()),
+            controller.GetInputPort("locked_positions"),
+        )
     torque = controller.get_output_port_actuation()
     if len(parts) == 1:
         state = plant.get_state_output_port(*parts[0])

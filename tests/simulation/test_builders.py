@@ -15,7 +15,7 @@ from pydrake.multibody.plant import (
     CoulombFriction,
     MultibodyPlant,
 )
-from pydrake.multibody.tree import SpatialInertia
+from pydrake.multibody.tree import PdControllerGains, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
@@ -187,13 +187,18 @@ def test_the_control_plant_is_the_users(time_step):
     assert set(cell.promises) == {"guaranteed"}
 
 
-def test_a_gripper_a_table_and_a_free_box():
-    """The gripper is carried with its joint locked; the table is watched; the box is
-    nobody's business."""
+@pytest.mark.parametrize("held_at, promise", [(0.0, "guaranteed"), (0.3, "locked")])
+def test_a_gripper_a_table_and_a_free_box(held_at, promise):
+    """The gripper is carried with its joint locked, and nothing is promised while it is
+    elsewhere; the table is watched; the box is nobody's business."""
     cell = Cell()
     arm = cell.arm("zyzy")
     hand = cell.plant.GetFrameByName("tip", arm)
     gripper = cell.arm("z", name="gripper", onto=hand)
+    motor = cell.plant.GetJointActuatorByName("j0", gripper).index()
+    cell.plant.get_mutable_joint_actuator(motor).set_controller_gains(
+        PdControllerGains(p=1e4, d=2e2)
+    )
     cell.thing(Box(1.0, 1.0, 0.1), [0.0, 0.0, -0.4], "table")
     cell.thing(Sphere(0.04), [0.4, 0.4, -0.3], "box", free=True)
     cell.plant.Finalize()
@@ -205,12 +210,12 @@ def test_a_gripper_a_table_and_a_free_box():
     assert "table" in links and "box" not in links and "gripper::l0" in links
     mass = model.plant.CalcTotalMass(model.MakeWorkspace().plant_context)
     assert mass == pytest.approx(1.0 + 1.2 + 1.4 + 1.6 + 1.0 + 1.0)
-    still = cell.builder.AddSystem(ConstantVectorSource([0.0]))
+    hold = cell.builder.AddSystem(ConstantVectorSource([held_at, 0.0]))
     cell.builder.Connect(
-        still.get_output_port(), cell.plant.get_actuation_input_port(gripper)
+        hold.get_output_port(), cell.plant.get_desired_state_input_port(gripper)
     )
     cell.run(controller, to=[0.5, 0.3, -0.6])
-    assert cell.promises.count("guaranteed") >= 0.95 * len(cell.promises)
+    assert cell.promises.count(promise) >= 0.95 * len(cell.promises)
 
 
 def test_a_post_is_watched_by_default():

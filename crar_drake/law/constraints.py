@@ -84,6 +84,7 @@ class RobotConstraints:
         plant = model.plant
         self.errors = errors = joint_errors(gains, model)
         lower, upper = narrowed_limits(errors, model)
+        gains.check_limit_margin(model)
         reaches = find_reaches(
             *(model.joints, model.pairs, model.order),
             *(plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()),

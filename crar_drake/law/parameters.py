@@ -253,6 +253,18 @@ class PaperParameters(PaperGains, Shared):
         """Over which motors are to be able to brake, where their limits count [s]."""
         return _BRAKING_TIMES / self.Gv
 
+    def check_limit_margin(self, model: "ControlModel") -> None:
+        """Raises ScenarioError: a `limit_margin` above the default one leaves a joint
+        no room."""
+        none = np.flatnonzero(2.0 * self.limit_margin >= model.upper - model.lower)
+        if len(none) and self.limit_margin > LookaheadParameters.limit_margin:
+            i = none[0]
+            raise ScenarioError(
+                f"controller.limit_margin: {self.limit_margin} leaves joint "
+                f"{model.joint_names[i]} no room between its limits, "
+                f"{model.lower[i]:g} and {model.upper[i]:g}; lower it, or leave it out"
+            )
+
     def speed_limits(self, model: "ControlModel") -> np.ndarray:
         """(nv,) the robot's, by which a run is judged [rad/s or m/s]; infinite where
         there is none and for the prescribed joints, whose speed is the motion's."""
@@ -336,7 +348,8 @@ class LookaheadParameters(SafetyParameters, Shared):
     Attributes:
         nominal: None for the receding-horizon plan of `law.plan`; or gains of the
             paper's law, which follows less closely and is calm.
-        limit_margin: what joints keep from their limits [rad].
+        limit_margin: what joints keep from their limits, each at most a tenth of its
+            range [rad or m].
         preview: how far ahead accelerations are planned [s]; by default 0.1, and 0.16
             with periods of more than 10 ms.
         smoothness: of the plan, what an acceleration of 1 rad/s^2 of a joint counts
@@ -357,7 +370,7 @@ class LookaheadParameters(SafetyParameters, Shared):
 
     effort_limits: bool = True
     nominal: PaperGains | None = None
-    limit_margin: float = 0.02  # [rad]
+    limit_margin: float = 0.02  # [rad or m]
     preview: float | None = None  # [s]
     smoothness: float | str | None = None  # [m s^2]
     posture_gain: float | None = None  # [1/s^2]
@@ -545,6 +558,18 @@ class LookaheadParameters(SafetyParameters, Shared):
         """These, with one braking time constant, as obstacles that move ask for: that
         over which motors can brake most of the time, unless it is given."""
         return replace(self, braking_time=self.longest_T)
+
+    def check_limit_margin(self, model: "ControlModel") -> None:
+        """Raises ScenarioError: a `limit_margin` above the default one leaves a joint
+        no room."""
+        none = np.flatnonzero(2.0 * self.limit_margin >= model.upper - model.lower)
+        if len(none) and self.limit_margin > LookaheadParameters.limit_margin:
+            i = none[0]
+            raise ScenarioError(
+                f"controller.limit_margin: {self.limit_margin} leaves joint "
+                f"{model.joint_names[i]} no room between its limits, "
+                f"{model.lower[i]:g} and {model.upper[i]:g}; lower it, or leave it out"
+            )
 
     def speed_limits(self, model: "ControlModel") -> np.ndarray:
         """The largest speed of each joint of a robot's plant.

@@ -448,6 +448,27 @@ def test_a_period_that_is_not_a_multiple():
         cell.control(parameters=LookaheadParameters(period=3e-3))
 
 
+def test_a_short_slide_keeps_a_tenth_of_its_range():
+    """No more, though other joints keep 0.02 rad; a margin that leaves none is refused,
+    and the joint named."""
+    for target, rests in ((0.026, 0.026), (0.03, 0.027)):
+        cell = Cell()
+        cell.arm(rail="y")
+        rail = cell.plant.GetJointByName("rail")
+        rail.set_position_limits([0.0], [0.03])
+        rail.set_default_translation(0.01)
+        tasks = joint_tasks(["rail"])
+        wide = LookaheadParameters(limit_margin=0.04)
+        cell.plant.Finalize()
+        with pytest.raises(ScenarioError, match="joint rail no room between its limits"):
+            cell.control(tasks, wide)
+        controller = cell.control(tasks)
+        cell.run(controller, to=[target, 0.0, 0.0], seconds=3.0)
+        context = cell.plant.GetMyContextFromRoot(cell.root)
+        assert rail.get_translation(context) == pytest.approx(rests, abs=2e-4)
+        assert set(cell.promises) == {"guaranteed"}
+
+
 def test_a_robot_that_cannot_be_added():
     cell = Cell()
     with pytest.raises(ModelError, match="'uper_body'.*did you mean 'upper_body'"):

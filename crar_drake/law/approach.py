@@ -11,16 +11,15 @@ import numpy as np
 from crar_drake.law.compilation import compiled
 from crar_drake.law.vectors import times
 
-
 # The most of its range that a joint keeps from each limit [1].
-_SHARE_OF_RANGE = 0.1
+SHARE_OF_RANGE = 0.1
 
 
 class Approach(NamedTuple):
     """The numbers of the rows, see `LookaheadParameters`."""
 
     distance_margin: float  # d_min [m]
-    limit_margin: float  # at most, see `margin_between` [rad or m]
+    limit_margin: float  # at most, and SHARE_OF_RANGE [rad or m]
     retreat_rate: float  # gamma [1/s]
     retreat_speed: float  # of a pair [m/s]
     joint_retreat_speed: float  # [rad/s or m/s]
@@ -28,13 +27,6 @@ class Approach(NamedTuple):
     limit_approach_rate: float  # of limits, infinite for no row [1/s]
     influence_distance: float  # pairs that are farther apart have no row [m]
     fastest: float  # that q_s is asked to move in any joint [rad/s or m/s]
-
-
-@compiled
-def margin_between(lower: float, upper: float, most: float) -> float:
-    """What a joint keeps from its limits [rad or m]: a finger's stroke is no longer
-    than what is nothing to an elbow."""
-    return min(most, _SHARE_OF_RANGE * (upper - lower))
 
 
 @compiled

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from crar_drake.errors import ScenarioError
 from crar_drake.law.approach import Approach
 from crar_drake.law.compilation import hold
 from crar_drake.law.ground import Ground
@@ -84,7 +85,12 @@ class RobotConstraints:
         plant = model.plant
         self.errors = errors = joint_errors(gains, model)
         lower, upper = narrowed_limits(errors, model)
-        gains.check_limit_margin(model)
+        none = np.flatnonzero(upper - lower <= 2.0 * gains.limit_margin)
+        if len(none) and gains.limit_margin > LookaheadParameters.limit_margin:
+            raise ScenarioError(
+                f"controller.limit_margin: {gains.limit_margin} leaves joint "
+                f"{model.joint_names[none[0]]} no room; lower it, or leave it out"
+            )
         reaches = find_reaches(
             *(model.joints, model.pairs, model.order),
             *(plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()),

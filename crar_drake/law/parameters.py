@@ -171,10 +171,9 @@ class PaperGains:
     beta: float = 2.0
     limit_share: float | None = None
 
-    def check_gains(
-        self, where: str, period: float, remedy: str = "lower the gains, or "
-    ) -> None:
-        """Raises ScenarioError: a gain is out of range, or the feedback diverges.
+    @property
+    def longest_period(self) -> float:
+        """At which the feedback does not diverge [s].
 
         A task's error obeys x'' = -P x - D x', with D = Kv + Gv and P = Kp + Gv K
         (Eqs. 14, 30 at the acceleration level). The acceleration is held for a period
@@ -184,12 +183,15 @@ class PaperGains:
             D h + P h d / 2 < 2    and    D > P (h - d) / 2.
 
         The worst of d between 0 and h counts.
-
-        Args:
-            where: the way to these, for messages.
-            period: of the controller [s].
-            remedy: what to do besides choosing another period, for messages.
         """
+        if self.level == "velocity":
+            return math.inf
+        D, P = self.velocity_gain + self.Gv, self.Kp + self.Gv * self.K
+        return min(2.0 * D / P, (math.sqrt(D * D + 4.0 * P) - D) / P)
+
+    def check_gains(self, where: str, period: float) -> None:
+        """Raises ScenarioError, which begins with `where`: a gain is out of range, or
+        the feedback diverges at a control period [s]."""
         check_choice(where, self, "level", LEVELS)
         check_choice(where, self, "metric", METRICS)
         check_numbers(where, self, _GAINS, may_be_zero={"limit_share"})
@@ -197,19 +199,14 @@ class PaperGains:
             raise ScenarioError(
                 f"{where}.limit_share: {self.limit_share} must be at most 1"
             )
-        if self.level == "velocity":
-            return
-        h = period
-        D = self.velocity_gain + self.Gv
-        P = self.Kp + self.Gv * self.K
-        if D * h + 0.5 * P * h * h < 2.0 and D > 0.5 * P * h:
-            return
-        longest = min(2.0 * D / P, (math.sqrt(D * D + 4.0 * P) - D) / P)
-        raise ScenarioError(
-            f"{where}: with a velocity gain Kv + Gv = {D:g}/s and a position gain "
-            f"Kp + Gv K = {P:g}/s^2 the feedback diverges at a control period of {h:g} "
-            f"s; {remedy}choose a period below {longest:.2g} s"
-        )
+        if period >= self.longest_period:
+            D, P = self.velocity_gain + self.Gv, self.Kp + self.Gv * self.K
+            raise ScenarioError(
+                f"{where}: with a velocity gain Kv + Gv = {D:g}/s and a position gain "
+                f"Kp + Gv K = {P:g}/s^2 the feedback diverges at a control period of "
+                f"{period:g} s; lower the gains, or choose a period below "
+                f"{self.longest_period:.2g} s"
+            )
 
     @property
     def velocity_gain(self) -> float:
@@ -252,18 +249,6 @@ class PaperParameters(PaperGains, Shared):
     def T(self) -> float:
         """Over which motors are to be able to brake, where their limits count [s]."""
         return _BRAKING_TIMES / self.Gv
-
-    def check_limit_margin(self, model: "ControlModel") -> None:
-        """Raises ScenarioError: a `limit_margin` above the default one leaves a joint
-        no room."""
-        none = np.flatnonzero(2.0 * self.limit_margin >= model.upper - model.lower)
-        if len(none) and self.limit_margin > LookaheadParameters.limit_margin:
-            i = none[0]
-            raise ScenarioError(
-                f"controller.limit_margin: {self.limit_margin} leaves joint "
-                f"{model.joint_names[i]} no room between its limits, "
-                f"{model.lower[i]:g} and {model.upper[i]:g}; lower it, or leave it out"
-            )
 
     def speed_limits(self, model: "ControlModel") -> np.ndarray:
         """(nv,) the robot's, by which a run is judged [rad/s or m/s]; infinite where
@@ -385,12 +370,13 @@ class LookaheadParameters(SafetyParameters, Shared):
             ScenarioError: names the field, its value and what it may be.
         """
         self.check_safety()
-        if self.plans:
-            # Nobody can write these gains.
-            where = "controller.period: of joints that the motion prescribes"
-            self.gains.check_gains(where, self.period, remedy="")
-        else:
+        if not self.plans:
             self.gains.check_gains("controller.nominal", self.period)
+        elif self.period >= (longest := self.gains.longest_period):
+            raise ScenarioError(
+                f"controller.period: {self.period:g} s is too long: choose one below "
+                f"{longest:.2g} s"
+            )
         _ = self._smoothness
         if self.balance is not None:
             self.balance.validate()
@@ -558,18 +544,6 @@ class LookaheadParameters(SafetyParameters, Shared):
         """These, with one braking time constant, as obstacles that move ask for: that
         over which motors can brake most of the time, unless it is given."""
         return replace(self, braking_time=self.longest_T)
-
-    def check_limit_margin(self, model: "ControlModel") -> None:
-        """Raises ScenarioError: a `limit_margin` above the default one leaves a joint
-        no room."""
-        none = np.flatnonzero(2.0 * self.limit_margin >= model.upper - model.lower)
-        if len(none) and self.limit_margin > LookaheadParameters.limit_margin:
-            i = none[0]
-            raise ScenarioError(
-                f"controller.limit_margin: {self.limit_margin} leaves joint "
-                f"{model.joint_names[i]} no room between its limits, "
-                f"{model.lower[i]:g} and {model.upper[i]:g}; lower it, or leave it out"
-            )
 
     def speed_limits(self, model: "ControlModel") -> np.ndarray:
         """The largest speed of each joint of a robot's plant.

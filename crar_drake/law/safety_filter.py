@@ -29,7 +29,6 @@ from crar_drake.law.parameters import (
 )
 from crar_drake.law.spheres import MovingSpheres
 from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED, Constraint, State, Step
-from crar_drake.law.tracking_error import not_followed
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
 
@@ -40,6 +39,7 @@ NOMINAL, BRAKING, OBSTACLE = "nominal", "braking", MovingSpheres.name
 _HOW = {AS_NOMINAL: NOMINAL, CORRECTED: "corrected", SCALED: "scaled"}
 CATCHING_UP, NO_NUMBER, NO_SENSE = "catching up", "no number", "no sense"
 NOT_FOLLOWED = "tracking error"
+_ROUNDING = 1e-9  # of a tracking error [rad or m]
 
 # Other braking time constants are these times T: shorter ones where a robot moves so
 # fast at the start that its path over T is not collision-free, longer ones for weak
@@ -60,8 +60,8 @@ class FilterReport:
             "joint speed", "motor", "obstacle"; "catching up", where the command was
             held back before and returns to the wanted one; "no number", a NaN or
             infinity; "no sense", numbers so large that they overflow; "tracking
-            error", where a joint was measured farther from its command than
-            `SafetyParameters.tracking_error` says, or as no number; "".
+            error", where a joint is farther from its command than
+            `SafetyParameters.tracking_error` says, or is measured as no number; "".
         pair: the two links that come too near, or hold the command back; or None.
         joint: the joint that `why` is about, or that binds besides; or None.
         clearance: no watched distance is smaller on the braking path from the command
@@ -71,9 +71,9 @@ class FilterReport:
         motor_use: the largest share of a motor's limit that the command takes, now or
             braking after it [1]; NaN without effort limits, and while it brakes.
         T: braking time constant over which the next state is safe [s].
-        tracking_error: the farthest that a measured joint is from the command before
-            [rad or m], NaN where nothing is measured; and
-        tracking_joint: of which joint, or None.
+        tracking_error: how far the measured joint is from the command before that is
+            farthest, beyond what it may be [rad or m], NaN where nothing is measured;
+        tracking_joint: which one, or None.
         obstacle: what the command, or what pairs and limits left of it, ran into: the
             obstacle's name or number, and the link; or None.
         obstacle_clearance: how far links stay from obstacles on the braking path from
@@ -182,8 +182,7 @@ class SafetyFilter:
         Args:
             robot: the name of a shipped or imported robot, the path of a robot.yaml or
                 of its folder, a description, or a control model, whose plant and
-                shapes then count (a post beside the robot, say), see
-                `MakeControlModel`.
+                shapes then count (a post beside the robot, say): `MakeControlModel`.
             period: between two calls [s].
             parameters: margin, speeds, errors; by default `SafetyParameters()`.
             effort_limits: whether the torque of a command, by the model, stays within
@@ -215,12 +214,8 @@ class SafetyFilter:
         self.parameters = gains
         self.model = model = _joint_model(robot, effort_limits)
         if not model.pairs.names:
-            tell(
-                f"robot {model.description.name}: no pair of links is watched, nothing "
-                "is kept apart: name pairs in the description; MakeControlModel finds "
-                "those of your plant",
-                strict=False,
-            )
+            line = "no pair of links is watched; name some, or take MakeControlModel"
+            tell(f"robot {model.description.name}: {line}", strict=False)
         self._period = float(period)
         self.joint_names = tuple(model.joint_names)
         self._n = model.n
@@ -289,9 +284,8 @@ class SafetyFilter:
                 motion is going, which helps where it cannot be had as it is.
             a: wanted accelerations [rad/s^2 or m/s^2].
             measured: positions and velocities of the robot now. At the first call the
-                filter starts there; later they are compared with the command before,
-                and the robot brakes while it is farther from that than the stated
-                `tracking_error`, or no number is measured.
+                filter starts there; later the robot brakes while it is farther from the
+                command before than a stated `tracking_error`, or at NaN.
             obstacles: that move by themselves, where they are now; they replace all
                 before. Where none are given, those before may be anywhere that their
                 speeds let them be since.
@@ -344,14 +338,14 @@ class SafetyFilter:
         Returns:
             What the next step is to be given, with the `command`.
         """
-        error, worst, lost = self._tracking(memory, measured)
+        error, worst, follows = self._tracking(memory, measured)
         before = memory.braking
         if obstacles is not None:
             given = before.regions, obstacles, memory.q, memory.v
             before = replace(before, regions=self.among.regions(*given))
         desired = self._desired(memory, q, v, a)
-        if lost is not None:
-            return self._brake(memory, before, NOT_FOLLOWED, error, worst, lost)
+        if not follows:
+            return self._brake(memory, before, NOT_FOLLOWED, error, worst)
         if not desired.is_finite():
             return self._brake(memory, before, NO_NUMBER, error, worst)
 
@@ -528,17 +522,15 @@ class SafetyFilter:
 
     def _tracking(
         self, memory: FilterMemory, measured: tuple[Joints, Joints] | None
-    ) -> tuple[float, str | None, str | None]:
-        """The largest difference of what is measured from the command before; and the
-        joint that is farther from it than stated."""
+    ) -> tuple[float, str | None, bool]:
+        """How far which joint is from the command before, and whether it may be."""
         if measured is None:
-            return np.nan, None, None
-        q = self._measured(measured)[0]
-        error = np.abs(q - memory.q)
-        worst = int(np.argmax(error))  # the first NaN, if there is one
-        lost = not_followed(error, self._robot.errors)
-        name = None if lost < 0 else self.joint_names[lost]
-        return float(error[worst]), self.joint_names[worst], name
+            return np.nan, None, True
+        error = np.abs(self._measured(measured)[0] - memory.q)
+        stated = self._robot.errors
+        worst = int(np.argmax(error - stated))  # the first NaN, if there is one
+        most = stated[worst] + _ROUNDING if stated.any() else np.inf
+        return float(error[worst]), self.joint_names[worst], bool(error[worst] <= most)
 
     def _brake(
         self,
@@ -547,7 +539,6 @@ class SafetyFilter:
         why: str,
         error: float,
         worst: str | None,
-        lost: str | None = None,
     ) -> FilterMemory:
         """q_ddot = -q_dot / T: a part of the present braking path."""
         still = np.zeros(self._n)
@@ -556,6 +547,7 @@ class SafetyFilter:
         v = memory.v + self._period * vdot
         q = memory.q + self._period * v
         regions, too_fast = before.regions, ()
+        lost = worst if why == NOT_FOLLOWED else None
         clear = lost is None and self._robot.is_clear(state.q, state.known, regions)
         if regions is not None:
             too_fast, regions = regions.too_fast, regions.later(self._period)

@@ -18,7 +18,6 @@ from crar_drake.robot.description import find_joint
 from crar_drake.robot.model import ControlModel
 
 _WHERE = "controller.tracking_error"
-_ROUNDING = 1e-9  # [rad or m]
 
 
 def joint_errors(ahead: LookaheadParameters, model: ControlModel) -> np.ndarray:
@@ -44,18 +43,6 @@ def joint_errors(ahead: LookaheadParameters, model: ControlModel) -> np.ndarray:
             )
         errors[joint.velocity_start()] = error
     return errors[model.order]
-
-
-def not_followed(off: np.ndarray, errors: np.ndarray) -> int:
-    """The joint that is farthest beyond how far it may be from its command, or of which
-    no number is measured; -1 of none. Where nothing is stated, all else may be.
-
-    Args:
-        off: (n,) |measured - commanded| [rad or m].
-        errors: (n,) what is stated: 0 of all joints, if nothing is [rad or m].
-    """
-    beyond = off - (errors + _ROUNDING if errors.any() else np.inf)
-    return -1 if (beyond <= 0.0).all() else int(np.argmax(beyond))
 
 
 def distance_losses(errors: np.ndarray, reaches: Reaches) -> np.ndarray:

@@ -44,7 +44,7 @@ class Part:
             move.
         bodies: these, and what is welded to the world.
         moved: indices of the robot's joints.
-        locked: of joints that move and are not the robot's, between what it carries.
+        locked: places in q of joints that are not its own and move what it carries.
         moved_by: of each body, the joints of these that move it.
     """
 
@@ -82,11 +82,11 @@ class Part:
             )
         self.bodies = sorted(self.carried | fixed)
         self.locked = [
-            joint.index()
+            joint.position_start() + k
             for joint in joints
             if joint.child_body().index() in self.carried
-            and joint.num_velocities()
             and joint.index() not in self.moved
+            for k in range(joint.num_positions())
         ]
 
 

@@ -448,6 +448,25 @@ def test_a_period_that_is_not_a_multiple():
         cell.control(parameters=LookaheadParameters(period=3e-3))
 
 
+def test_a_period_beyond_what_a_plan_bears():
+    """Said by itself: its gains are nobody's who could change them."""
+    with pytest.raises(
+        ScenarioError, match="period: 5 s is too long: choose one below"
+    ):
+        with_arm().control(parameters=LookaheadParameters(period=5.0))
+
+
+def test_the_world_is_ground_if_that_is_all_it_has():
+    for crate, name in ((False, "ground"), (True, "world")):
+        cell = with_arm()
+        for shape in (HalfSpace(), Box(0.1, 0.1, 0.1))[: 1 + crate]:
+            cell.plant.RegisterCollisionGeometry(
+                *(cell.plant.world_body(), RigidTransform([0.0, 0.0, -1.0]), shape),
+                *(type(shape).__name__, CoulombFriction(0.5, 0.5)),
+            )
+        assert (name, "l2") in cell.control().model.pairs.names
+
+
 def test_a_short_slide_keeps_a_tenth_of_its_range():
     """No more, though other joints keep 0.02 rad; a margin that leaves none is refused,
     and the joint named."""
@@ -460,7 +479,7 @@ def test_a_short_slide_keeps_a_tenth_of_its_range():
         tasks = joint_tasks(["rail"])
         wide = LookaheadParameters(limit_margin=0.04)
         cell.plant.Finalize()
-        with pytest.raises(ScenarioError, match="joint rail no room between its limits"):
+        with pytest.raises(ScenarioError, match="joint rail no room"):
             cell.control(tasks, wide)
         controller = cell.control(tasks)
         cell.run(controller, to=[target, 0.0, 0.0], seconds=3.0)

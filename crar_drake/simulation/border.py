@@ -77,10 +77,7 @@ class Border:
         watch: Sequence[Sequence[str]] | None,
         prescribed: Sequence[str],
     ) -> ControlModel:
-        """The control model, its pairs those that are given or the default ones.
-
-        Args, errors, warnings: as of `AddCrarController`.
-        """
+        """The control model; args, errors and warnings as of `AddCrarController`."""
         tasks, names = check_tasks(tasks), prescribed
         if isinstance(names, str) or not all(isinstance(name, str) for name in names):
             raise ModelError(f"prescribed: {names!r} must be a list of joints' names")

@@ -201,7 +201,9 @@ def MakeControlModel(
 ) -> ControlModel:
     """What `AddCrarController` computes with; of a `SafetyFilter` it needs no tasks.
 
-    Args, errors and warnings are those of `AddCrarController`.
+    Args:
+        plant, scene_graph, tasks, model_instance, watch, prescribed, strict: as of
+            `AddCrarController`; so are errors and warnings.
     """
     border = Border(plant, scene_graph, model_instance, strict)
     return border.model(tasks, watch, prescribed)

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         AddCrarController,
         AddRobot,
         AddStandingController,
+        MakeControlModel,
     )
     from crar_drake.simulation.contact_ground import add_contact_ground
     from crar_drake.simulation.diagram import MakeCrarDiagram
@@ -70,6 +71,7 @@ _MODULES = {
     "FilterReport": "law.safety_filter",
     "InputError": "errors",
     "LookaheadParameters": "law.parameters",
+    "MakeControlModel": "simulation.builders",
     "MakeCrarDiagram": "simulation.diagram",
     "ModelError": "errors",
     "MotionError": "errors",
@@ -113,6 +115,7 @@ __all__ = [
     "FilterReport",
     "InputError",
     "LookaheadParameters",
+    "MakeControlModel",
     "MakeCrarDiagram",
     "ModelError",
     "MotionError",

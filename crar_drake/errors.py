@@ -7,6 +7,7 @@ import difflib
 import math
 import os
 import re
+import sys
 import warnings
 from collections.abc import Iterable, Sequence
 
@@ -56,14 +57,17 @@ class WriteError(CrarError):
 
 
 def tell(line: str, strict: bool) -> None:
-    """Warns of what a user has to know.
+    """Warns of what a user has to know, at the user's line.
 
     Raises:
         ModelError: strict.
     """
     if strict:
         raise ModelError(line)
-    warnings.warn(CrarWarning(line), stacklevel=4)
+    frame, level = sys._getframe(1), 2
+    while frame.f_back and frame.f_globals["__name__"].startswith("crar_drake."):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(CrarWarning(line), stacklevel=level)
 
 
 def check_vector(

@@ -12,7 +12,11 @@ import numpy as np
 from pydrake.geometry import Box, StartMeshcat
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
-from pydrake.multibody.tree import PrismaticJoint, SpatialInertia
+from pydrake.multibody.tree import (
+    PdControllerGains,
+    PrismaticJoint,
+    SpatialInertia,
+)
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
@@ -56,7 +60,8 @@ for side in (-1.0, 1.0):
     )
     slide = plant.AddJoint(slide)
     slide.set_default_translation(0.035)
-    plant.AddJointActuator(slide.name(), slide)
+    motor = plant.AddJointActuator(slide.name(), slide)
+    motor.set_controller_gains(PdControllerGains(p=5000.0, d=50.0))
 plant.Finalize()
 
 controller = AddCrarController(
@@ -64,8 +69,9 @@ controller = AddCrarController(
     LookaheadParameters(period=0.005),
     model_instance=arm,
 )
-grip = builder.AddSystem(ConstantVectorSource(np.zeros(2)))
-builder.Connect(grip.get_output_port(), plant.get_actuation_input_port(of_gripper))
+# It counts as locked where it is by default, so it is held there.
+grip = builder.AddSystem(ConstantVectorSource(np.array([0.035, 0.035, 0.0, 0.0])))
+builder.Connect(grip.get_output_port(), plant.get_desired_state_input_port(of_gripper))
 log = LogVectorOutput(controller.get_output_port_diagnostics(), builder, 0.005)
 meshcat = StartMeshcat()
 AddDefaultVisualization(builder, meshcat)

@@ -11,12 +11,15 @@ import numpy as np
 from crar_drake.law.compilation import compiled
 from crar_drake.law.vectors import times
 
+# The most of its range that a joint keeps from each limit [1].
+SHARE_OF_RANGE = 0.1
+
 
 class Approach(NamedTuple):
     """The numbers of the rows, see `LookaheadParameters`."""
 
     distance_margin: float  # d_min [m]
-    limit_margin: float  # [rad or m]
+    limit_margin: float  # at most, and SHARE_OF_RANGE [rad or m]
     retreat_rate: float  # gamma [1/s]
     retreat_speed: float  # of a pair [m/s]
     joint_retreat_speed: float  # [rad/s or m/s]

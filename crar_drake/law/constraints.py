@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from crar_drake.errors import ScenarioError
 from crar_drake.law.approach import Approach
 from crar_drake.law.compilation import hold
 from crar_drake.law.ground import Ground
@@ -50,6 +51,7 @@ class RobotConstraints:
 
     Attributes:
         T: braking time constant wherever nothing asks for another [s].
+        errors: (nv,) how far joints may be from their commands [rad or m].
         pairs, limits: always there.
         motors, ground: None where nothing limits motors, or nobody stands.
         all: a list, to which a user may append others; moving obstacles come last.
@@ -81,8 +83,14 @@ class RobotConstraints:
         least = LEAST_PERIODS * self.period
         self._choices = sorted(x for x in choices if x >= least or x == self.T)
         plant = model.plant
-        errors = joint_errors(gains, model)
+        self.errors = errors = joint_errors(gains, model)
         lower, upper = narrowed_limits(errors, model)
+        none = np.flatnonzero(upper - lower <= 2.0 * gains.limit_margin)
+        if len(none) and gains.limit_margin > LookaheadParameters.limit_margin:
+            raise ScenarioError(
+                f"controller.limit_margin: {gains.limit_margin} leaves joint "
+                f"{model.joint_names[none[0]]} no room; lower it, or leave it out"
+            )
         reaches = find_reaches(
             *(model.joints, model.pairs, model.order),
             *(plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()),

@@ -36,8 +36,9 @@ from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
 
-# Of a motor's limit: by so little more it is not beyond [1].
-_ROUNDING = 1e-9
+# Of a motor's limit: by so little more it is not beyond [1]. So far from there may a
+# joint be that counts as locked [rad or m].
+_ROUNDING, _LOCKED = 1e-9, 1e-3
 
 # All that is reported of a solution, at once.
 _reported = attrgetter(*(diagnostic.key for diagnostic in ALL))
@@ -69,6 +70,7 @@ class CrarController(LeafSystem):
         desired_prescribed ──►│ CrarController ├──► position_command
         nominal_posture ─────►│                ├──► diagnostics
         obstacles (if any) ──►│                │
+        locked_positions ────►│                │
                               └────────────────┘
 
     Notation: W the world frame; T a task's frame or point; q, v the plant's
@@ -88,6 +90,9 @@ class CrarController(LeafSystem):
             themselves, now, in W [m]. Only there if their speeds are given, and
             connected or not: where it is not, there are none. Constraints "lookahead"
             alone keep off them (`docs/theory/moving-obstacles.md`).
+        locked_positions: (k,) measured positions of joints that the control model has
+            locked, of a gripper that the robot carries [rad or m]; only if there are
+            any. The part "promise" alone depends on them.
 
     Output ports:
         actuation: (nu,) efforts in the plant's actuator order [Nm or N], at the state
@@ -139,8 +144,7 @@ class CrarController(LeafSystem):
     Attributes:
         law: the `ControlLaw` that the system wraps.
         model: the `ControlModel` that it computes with.
-        border: what it sees of the plant that `AddCrarController` added it to, and what
-            that warned of (`said`); else None.
+        border: the model's.
         diagnostics_slices: name of a part to its place in the port "diagnostics".
 
     Limits: joints with as many velocities as positions, all actuated, on a base that is
@@ -178,7 +182,8 @@ class CrarController(LeafSystem):
         safe = isinstance(gains, LookaheadParameters)
         if obstacle_speeds and safe:
             gains = gains.among_obstacles()
-        self.law, self._strict, self.border = ControlLaw(model, gains), strict, None
+        self.law, self._strict = ControlLaw(model, gains), strict
+        self.border = model.border
         self._plant_is_discrete = plant_is_discrete
         plant_step = model.plant.time_step() if plant_is_discrete else 0.0
         self._torque_ticks = self.law.parameters.torque_ticks(plant_step)
@@ -201,6 +206,12 @@ class CrarController(LeafSystem):
         self._obstacles = ObstaclePort(self, obstacle_speeds)
         if self._obstacles and safe:
             self.law.among  # noqa: B018 (what does not go with them is refused now)
+
+        self._locked = [] if self.border is None else [*self.border.locked.values()]
+        self._locked_port = None
+        if self._locked:
+            size = len(self._locked)
+            self._locked_port = self.DeclareVectorInputPort("locked_positions", size)
 
         nothing_yet, still = Memory(), np.zeros(nv)
         self._start = Solution(
@@ -253,17 +264,9 @@ class CrarController(LeafSystem):
         self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
             "diagnostics", end, self._CalcDiagnostics, sources
         )
-        x, tasks, prescribed, posture = (
-            f"input port {name} of {self.get_name()}"
-            for name in (
-                "estimated_state",
-                "desired_tasks",
-                "desired_prescribed",
-                "nominal_posture",
-            )
-        )
-        self._state_name = x
-        self.law.target_names = (tasks, prescribed, posture)
+        inputs = "estimated_state desired_tasks desired_prescribed nominal_posture"
+        names = [f"input port {name} of {self.get_name()}" for name in inputs.split()]
+        self._state_name, self.law.target_names = names[0], tuple(names[1:])
 
     @property
     def model(self) -> ControlModel:
@@ -356,14 +359,16 @@ class CrarController(LeafSystem):
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
         solution = self._EvalSolution(context)
-        parts = *_reported(solution), [self._Promise(solution)]
+        parts = *_reported(solution), [self._Promise(context, solution)]
         output.SetFromVector(np.concatenate(parts))
 
-    def _Promise(self, solution: Solution) -> float:
+    def _Promise(self, context: Context, solution: Solution) -> float:
         """What is missing of the promise; the first of PROMISES that is."""
+        off = np.abs(self._EvalPort(self._locked_port, context) - self._locked)
         missing = (
             self.law.parameters.constraints != "lookahead",
             self.border is not None and bool(self.border.said),
+            not (off <= _LOCKED).all(),
             solution.status[0] == STATUS_IMPLAUSIBLE,
             solution.admission[3] != 1.0,
             solution.torque_limit[1] > _ROUNDING,

@@ -97,6 +97,7 @@ PROMISES = (
     "guaranteed",
     "law",  # the paper's constraints promise nothing
     "set-up",  # something was warned of when the controller was made
+    "locked",  # a joint that counts as locked is elsewhere
     "state",  # no robot has the measured state
     "path",  # the path on which the robot would brake is not clear
     "torque",  # a motor is too weak for what was commanded

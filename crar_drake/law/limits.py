@@ -12,7 +12,7 @@ comes back, outside of it how fast it may come near, (L7), if there is such a ra
 
 import numpy as np
 
-from crar_drake.law.approach import Approach
+from crar_drake.law.approach import SHARE_OF_RANGE, Approach
 from crar_drake.law.compilation import compiled
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
@@ -114,7 +114,7 @@ def limit_rows(
     lowest: np.ndarray,
     highest: np.ndarray,
     T: float,
-    margin: float,
+    most: float,
     gamma: float,
     speed: float,
     kappa: float,
@@ -124,7 +124,7 @@ def limit_rows(
     n = len(q)
     least = np.empty(2 * n)
     for i in range(n):
-        end = q[i] + T * v[i]
+        end, margin = q[i] + T * v[i], min(most, SHARE_OF_RANGE * (upper[i] - lower[i]))
         least[i], least[n + i] = lowest[i], -highest[i]
         for at, h in ((i, end - lower[i]), (n + i, upper[i] - end)):
             if h < margin:

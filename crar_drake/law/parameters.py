@@ -171,10 +171,9 @@ class PaperGains:
     beta: float = 2.0
     limit_share: float | None = None
 
-    def check_gains(
-        self, where: str, period: float, remedy: str = "lower the gains, or "
-    ) -> None:
-        """Raises ScenarioError: a gain is out of range, or the feedback diverges.
+    @property
+    def longest_period(self) -> float:
+        """At which the feedback does not diverge [s].
 
         A task's error obeys x'' = -P x - D x', with D = Kv + Gv and P = Kp + Gv K
         (Eqs. 14, 30 at the acceleration level). The acceleration is held for a period
@@ -184,12 +183,15 @@ class PaperGains:
             D h + P h d / 2 < 2    and    D > P (h - d) / 2.
 
         The worst of d between 0 and h counts.
-
-        Args:
-            where: the way to these, for messages.
-            period: of the controller [s].
-            remedy: what to do besides choosing another period, for messages.
         """
+        if self.level == "velocity":
+            return math.inf
+        D, P = self.velocity_gain + self.Gv, self.Kp + self.Gv * self.K
+        return min(2.0 * D / P, (math.sqrt(D * D + 4.0 * P) - D) / P)
+
+    def check_gains(self, where: str, period: float) -> None:
+        """Raises ScenarioError, which begins with `where`: a gain is out of range, or
+        the feedback diverges at a control period [s]."""
         check_choice(where, self, "level", LEVELS)
         check_choice(where, self, "metric", METRICS)
         check_numbers(where, self, _GAINS, may_be_zero={"limit_share"})
@@ -197,19 +199,14 @@ class PaperGains:
             raise ScenarioError(
                 f"{where}.limit_share: {self.limit_share} must be at most 1"
             )
-        if self.level == "velocity":
-            return
-        h = period
-        D = self.velocity_gain + self.Gv
-        P = self.Kp + self.Gv * self.K
-        if D * h + 0.5 * P * h * h < 2.0 and D > 0.5 * P * h:
-            return
-        longest = min(2.0 * D / P, (math.sqrt(D * D + 4.0 * P) - D) / P)
-        raise ScenarioError(
-            f"{where}: with a velocity gain Kv + Gv = {D:g}/s and a position gain "
-            f"Kp + Gv K = {P:g}/s^2 the feedback diverges at a control period of {h:g} "
-            f"s; {remedy}choose a period below {longest:.2g} s"
-        )
+        if period >= self.longest_period:
+            D, P = self.velocity_gain + self.Gv, self.Kp + self.Gv * self.K
+            raise ScenarioError(
+                f"{where}: with a velocity gain Kv + Gv = {D:g}/s and a position gain "
+                f"Kp + Gv K = {P:g}/s^2 the feedback diverges at a control period of "
+                f"{period:g} s; lower the gains, or choose a period below "
+                f"{self.longest_period:.2g} s"
+            )
 
     @property
     def velocity_gain(self) -> float:
@@ -336,7 +333,8 @@ class LookaheadParameters(SafetyParameters, Shared):
     Attributes:
         nominal: None for the receding-horizon plan of `law.plan`; or gains of the
             paper's law, which follows less closely and is calm.
-        limit_margin: what joints keep from their limits [rad].
+        limit_margin: what joints keep from their limits, each at most a tenth of its
+            range [rad or m].
         preview: how far ahead accelerations are planned [s]; by default 0.1, and 0.16
             with periods of more than 10 ms.
         smoothness: of the plan, what an acceleration of 1 rad/s^2 of a joint counts
@@ -357,7 +355,7 @@ class LookaheadParameters(SafetyParameters, Shared):
 
     effort_limits: bool = True
     nominal: PaperGains | None = None
-    limit_margin: float = 0.02  # [rad]
+    limit_margin: float = 0.02  # [rad or m]
     preview: float | None = None  # [s]
     smoothness: float | str | None = None  # [m s^2]
     posture_gain: float | None = None  # [1/s^2]
@@ -372,12 +370,13 @@ class LookaheadParameters(SafetyParameters, Shared):
             ScenarioError: names the field, its value and what it may be.
         """
         self.check_safety()
-        if self.plans:
-            # Nobody can write these gains.
-            where = "controller.period: of joints that the motion prescribes"
-            self.gains.check_gains(where, self.period, remedy="")
-        else:
+        if not self.plans:
             self.gains.check_gains("controller.nominal", self.period)
+        elif self.period >= (longest := self.gains.longest_period):
+            raise ScenarioError(
+                f"controller.period: {self.period:g} s is too long: choose one below "
+                f"{longest:.2g} s"
+            )
         _ = self._smoothness
         if self.balance is not None:
             self.balance.validate()

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.law.approach import Approach
+from crar_drake.law.approach import SHARE_OF_RANGE, Approach
 from crar_drake.law.compilation import Held, compiled, hold
 from crar_drake.law.kinematics import find_state
 from crar_drake.law.nominal import Nominal
@@ -284,6 +284,7 @@ def limit_rows_ahead(
     for i in range(N):
         until = preview.times[i] + preview.coasting
         for c in range(n):
+            margin = min(approach.limit_margin, SHARE_OF_RANGE * (upper[c] - lower[c]))
             for inward in (1.0, -1.0):
                 limit = lower[c] if inward > 0.0 else upper[c]
                 if not inward * (q[c] + x[i, c] - limit) < _NEAR_LIMIT:
@@ -292,7 +293,7 @@ def limit_rows_ahead(
                     rows[found, j * n + c] = inward * preview.coasted[i, j]
                 left = inward * (q[c] - limit) + approach.joint_retreat_speed * until
                 unmoved = inward * (q[c] + until * v[c] - limit)
-                least[found] = min(approach.limit_margin, left) - unmoved
+                least[found] = min(margin, left) - unmoved
                 found += 1
     return rows[:found], least[:found]
 

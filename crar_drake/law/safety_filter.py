@@ -17,7 +17,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crar_drake.errors import InputError, ModelError, ScenarioError, nearest
+from crar_drake.errors import InputError, ModelError, ScenarioError, nearest, tell
 from crar_drake.law.constraints import Braking, RobotConstraints
 from crar_drake.law.joint_command import JointCommand, all_finite
 from crar_drake.law.motors import Motors
@@ -38,6 +38,8 @@ Joints = ArrayLike | Mapping[str, float]
 NOMINAL, BRAKING, OBSTACLE = "nominal", "braking", MovingSpheres.name
 _HOW = {AS_NOMINAL: NOMINAL, CORRECTED: "corrected", SCALED: "scaled"}
 CATCHING_UP, NO_NUMBER, NO_SENSE = "catching up", "no number", "no sense"
+NOT_FOLLOWED = "tracking error"
+_ROUNDING = 1e-9  # of a tracking error [rad or m]
 
 # Other braking time constants are these times T: shorter ones where a robot moves so
 # fast at the start that its path over T is not collision-free, longer ones for weak
@@ -52,24 +54,26 @@ class FilterReport:
     Attributes:
         how: "nominal": the command is the wanted one, to the last bit; "corrected":
             the nearest that is safe; "scaled": a share of that, towards braking;
-            "braking": nothing usable was wanted.
+            "braking": nothing usable was wanted, or the robot is elsewhere.
         share: of the corrected step that was taken, 1 unless scaled; 0 braking [1].
         why: what the wanted command ran into: "pair" (of links), "joint limit",
             "joint speed", "motor", "obstacle"; "catching up", where the command was
             held back before and returns to the wanted one; "no number", a NaN or
-            infinity; "no sense", numbers so large that they overflow; "".
+            infinity; "no sense", numbers so large that they overflow; "tracking
+            error", where a joint is farther from its command than
+            `SafetyParameters.tracking_error` says, or is measured as no number; "".
         pair: the two links that come too near, or hold the command back; or None.
         joint: the joint that `why` is about, or that binds besides; or None.
         clearance: no watched distance is smaller on the braking path from the command
             [m]; a bound from below. NaN while it brakes.
         clear: whether joints were within their limits, and the path that the step
-            started with is known to be clear.
+            started with is known to be clear; False with a "tracking error".
         motor_use: the largest share of a motor's limit that the command takes, now or
             braking after it [1]; NaN without effort limits, and while it brakes.
         T: braking time constant over which the next state is safe [s].
-        tracking_error: the farthest that a measured joint is from the command before
-            [rad or m], NaN where nothing is measured; and
-        tracking_joint: of which joint, or None.
+        tracking_error: how far the measured joint is from the command before that is
+            farthest, beyond what it may be [rad or m], NaN where nothing is measured;
+        tracking_joint: which one, or None.
         obstacle: what the command, or what pairs and limits left of it, ran into: the
             obstacle's name or number, and the link; or None.
         obstacle_clearance: how far links stay from obstacles on the braking path from
@@ -178,7 +182,7 @@ class SafetyFilter:
         Args:
             robot: the name of a shipped or imported robot, the path of a robot.yaml or
                 of its folder, a description, or a control model, whose plant and
-                shapes then count (a post beside the robot, say).
+                shapes then count (a post beside the robot, say): `MakeControlModel`.
             period: between two calls [s].
             parameters: margin, speeds, errors; by default `SafetyParameters()`.
             effort_limits: whether the torque of a command, by the model, stays within
@@ -189,6 +193,9 @@ class SafetyFilter:
                 model's base floats.
             ScenarioError: a number is out of range, or what is given for one is not a
                 number.
+
+        Warns:
+            CrarWarning: no pair of links is watched.
         """
         if not isinstance(period, Real):
             raise ScenarioError(f"filter.period: {period!r} is no number of seconds")
@@ -206,6 +213,9 @@ class SafetyFilter:
             gains.check_safety()
         self.parameters = gains
         self.model = model = _joint_model(robot, effort_limits)
+        if not model.pairs.names:
+            line = "no pair of links is watched; name some, or take MakeControlModel"
+            tell(f"robot {model.description.name}: {line}", strict=False)
         self._period = float(period)
         self.joint_names = tuple(model.joint_names)
         self._n = model.n
@@ -274,7 +284,8 @@ class SafetyFilter:
                 motion is going, which helps where it cannot be had as it is.
             a: wanted accelerations [rad/s^2 or m/s^2].
             measured: positions and velocities of the robot now. At the first call the
-                filter starts there; later they are compared with the command before.
+                filter starts there; later the robot brakes while it is farther from the
+                command before than a stated `tracking_error`, or at NaN.
             obstacles: that move by themselves, where they are now; they replace all
                 before. Where none are given, those before may be anywhere that their
                 speeds let them be since.
@@ -327,12 +338,14 @@ class SafetyFilter:
         Returns:
             What the next step is to be given, with the `command`.
         """
-        error, worst = self._tracking(memory, measured)
+        error, worst, follows = self._tracking(memory, measured)
         before = memory.braking
         if obstacles is not None:
             given = before.regions, obstacles, memory.q, memory.v
             before = replace(before, regions=self.among.regions(*given))
         desired = self._desired(memory, q, v, a)
+        if not follows:
+            return self._brake(memory, before, NOT_FOLLOWED, error, worst)
         if not desired.is_finite():
             return self._brake(memory, before, NO_NUMBER, error, worst)
 
@@ -509,14 +522,15 @@ class SafetyFilter:
 
     def _tracking(
         self, memory: FilterMemory, measured: tuple[Joints, Joints] | None
-    ) -> tuple[float, str | None]:
-        """The largest difference of what is measured from the command before."""
+    ) -> tuple[float, str | None, bool]:
+        """How far which joint is from the command before, and whether it may be."""
         if measured is None:
-            return np.nan, None
-        q = self._measured(measured)[0]
-        error = np.abs(q - memory.q)
-        worst = int(np.argmax(error))  # the first NaN, if there is one
-        return float(error[worst]), self.joint_names[worst]
+            return np.nan, None, True
+        error = np.abs(self._measured(measured)[0] - memory.q)
+        stated = self._robot.errors
+        worst = int(np.argmax(error - stated))  # the first NaN, if there is one
+        most = stated[worst] + _ROUNDING if stated.any() else np.inf
+        return float(error[worst]), self.joint_names[worst], bool(error[worst] <= most)
 
     def _brake(
         self,
@@ -533,11 +547,12 @@ class SafetyFilter:
         v = memory.v + self._period * vdot
         q = memory.q + self._period * v
         regions, too_fast = before.regions, ()
-        clear = self._robot.is_clear(state.q, state.known, regions)
+        lost = worst if why == NOT_FOLLOWED else None
+        clear = lost is None and self._robot.is_clear(state.q, state.known, regions)
         if regions is not None:
             too_fast, regions = regions.too_fast, regions.later(self._period)
         report = FilterReport(
-            *(BRAKING, 0.0, why, None, None, np.nan, clear, error, worst),
+            *(BRAKING, 0.0, why, None, lost, np.nan, clear, error, worst),
             too_fast=too_fast,
             T=state.T,
         )

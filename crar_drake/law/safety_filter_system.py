@@ -55,7 +55,7 @@ class SafetyFilterSystem(LeafSystem):
         desired_acceleration: (n,) [rad/s^2 or m/s^2].
         desired_state: (2 n,) [q; v], the same as position and velocity.
         measured_state: (2 n,) [q; v] of the robot. Where it is connected, the filter
-            begins there at its first step; later the state is compared alone.
+            begins there at its first step; later it is compared, see `SafetyFilter`.
         obstacles: (4 N,) [x; y; z; radius] of each of N spheres that move by
             themselves, now, in the world [m]. Only there if their speeds are given, and
             connected or not: where it is not, there are none.

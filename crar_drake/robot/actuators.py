@@ -34,7 +34,8 @@ class Actuators:
             raise ModelError(
                 "every joint must be actuated, but these are not: "
                 f"{', '.join(names[i] for i in idle)}; add actuators "
-                "(transmissions in a URDF), or weld the joints"
+                "(transmissions in a URDF, of joints with an effort limit that is not "
+                "0), or weld the joints"
             )
         # The actuators of one joint share its effort; one alone is quicker to pick.
         self._from_efforts = B.T / np.maximum(B.sum(axis=1), 1.0)

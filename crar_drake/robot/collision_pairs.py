@@ -72,7 +72,7 @@ class WatchedPairs:
 
     Attributes:
         names: per pair (link a, link b), in the documented order of the ports; the
-            world is called "ground" if it has a half space.
+            world is called "ground" if it has half spaces alone.
         body_a, body_b: (Nc,) index of each segment in `bodies`; a segment with a half
             space is b, whatever its place in the name.
         bodies: the bodies that carry watched shapes.
@@ -123,10 +123,11 @@ class WatchedPairs:
         places = {index: place for place, index in enumerate(bodies)}
         of = [tuple(places[int(body.index())] for body in pair) for pair in pairs]
         links = link_names(plant)
-        self.names = tuple(
-            tuple(GROUND if flat[i] else links[self.bodies[i].index()] for i in pair)
-            for pair in of
-        )
+        known = [
+            GROUND if all(axis.flat for axis in axes) else links[body.index()]
+            for body, axes in zip(self.bodies, self.axes, strict=True)
+        ]
+        self.names = tuple((known[a], known[b]) for a, b in of)
         of = [(b, a) if flat[a] else (a, b) for a, b in of]
         self.body_a = np.array([a for a, _ in of], dtype=int)
         self.body_b = np.array([b for _, b in of], dtype=int)

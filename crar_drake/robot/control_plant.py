@@ -44,6 +44,7 @@ class Part:
             move.
         bodies: these, and what is welded to the world.
         moved: indices of the robot's joints.
+        locked: places in q of joints that are not its own and move what it carries.
         moved_by: of each body, the joints of these that move it.
     """
 
@@ -80,6 +81,13 @@ class Part:
                 if joint.num_velocities() and joint.index() in self.moved
             )
         self.bodies = sorted(self.carried | fixed)
+        self.locked = [
+            joint.position_start() + k
+            for joint in joints
+            if joint.child_body().index() in self.carried
+            and joint.index() not in self.moved
+            for k in range(joint.num_positions())
+        ]
 
 
 def _above(body: RigidBody, carriers: dict[BodyIndex, Joint]) -> Iterator[Joint]:

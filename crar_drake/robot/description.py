@@ -502,7 +502,8 @@ def find_root(
         raise ModelError(
             f"robot {description.name}: link {name!r} has a joint with more positions "
             f"than velocities ({joint.type_name()}), and nothing says what moves it: "
-            f"write base: {name} and root: fixed to weld it, or root: prescribed, if "
+            "weld it (plant.WeldFrames; of a robot.yaml, "
+            f"base: {name} and root: fixed), or write root: prescribed, if "
             "it is the base of a whole body (retarget, or standing on its soles); "
             "loose things and ball joints cannot be in the control model"
         )

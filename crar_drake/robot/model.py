@@ -80,6 +80,7 @@ class ControlModel:
         lower, upper: (n,) limits of the controlled joints [rad].
         effort_limits: (nv,) largest effort per joint, inf where there is none.
         actuator_limits: (nu,) the same per actuator, in their order.
+        border: what it sees of a user's plant, and `said` of it; None of a file.
         velocity_limits: (nv,) largest speed per joint, inf where there is none: the
             plant's (the smaller magnitude, where they differ by the direction; 0 says
             that none is stated) or, where it names the joint, the description's
@@ -112,7 +113,7 @@ class ControlModel:
             raise ModelError("the plant is not finalized: call plant.Finalize() first")
         refuse_constraints(plant)
         self.diagram, self.plant, self.scene_graph = diagram, plant, scene_graph
-        self.description = description
+        self.description, self.border = description, None
         description.validate()
         self._set_joints()
         self.joints = JointTree(plant)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 
 from crar_drake.errors import ModelError, few, tell
 from crar_drake.robot.collision_pairs import WatchedPairs, shape_axis
@@ -16,9 +16,10 @@ from crar_drake.robot.control_plant import Part
 from crar_drake.robot.description import RobotDescription, find_body
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import lengths_of_slides
-from crar_drake.robot.task import Task
+from crar_drake.robot.task import Task, check_tasks
 
 Pair = tuple[BodyIndex, BodyIndex]
+Instances = ModelInstanceIndex | Sequence[ModelInstanceIndex]
 
 # More pairs than these are more than anybody reads in a warning.
 _MOST = 4
@@ -28,17 +29,34 @@ class Border:
     """A part of a plant as one controller takes it.
 
     Attributes:
+        instances: of the robot, sorted.
+        locked: places in q of joints that count as locked, to defaults [rad or m].
         name: of the robot, its model instances.
         said: what a user has to know, a line each.
     """
 
     def __init__(
-        self, plant: MultibodyPlant, scene_graph: SceneGraph, part: Part
+        self,
+        plant: MultibodyPlant,
+        scene_graph: SceneGraph,
+        model_instance: Instances | None,
+        strict: bool,
     ) -> None:
-        self._plant, self._part = plant, part
-        self._scene_graph = scene_graph
-        instances = sorted(part.instances)
-        self.name = ", ".join(map(plant.GetModelInstanceName, instances))
+        """Args, errors: as of `AddCrarController`."""
+        for name, given, kind in (
+            ("plant", plant, MultibodyPlant),
+            ("scene_graph", scene_graph, SceneGraph),
+        ):
+            if not isinstance(given, kind):
+                raise ModelError(f"{name} cannot be a {type(given).__name__}")
+        if not plant.is_finalized():
+            raise ModelError("the plant is not finalized: call plant.Finalize() first")
+        self.instances = sorted(_instances(plant, model_instance))
+        self._plant, self._scene_graph, self._strict = plant, scene_graph, strict
+        self._part = Part(plant, self.instances)
+        self.name = ", ".join(map(plant.GetModelInstanceName, self.instances))
+        rest = plant.GetDefaultPositions()
+        self.locked = {i: rest[i] for i in self._part.locked}
         self.said: list[str] = []
         self._model: ControlModel | None = None
 
@@ -53,33 +71,29 @@ class Border:
         ]
         return f"{owners[0]}::{name}" if len(owners) == 1 else name
 
-    def joints(self, names: Sequence[str]) -> list[str]:
-        """The names of joints, scoped.
-
-        Raises:
-            ModelError: they are no list of names.
-        """
-        if isinstance(names, str) or not all(isinstance(name, str) for name in names):
-            raise ModelError(f"prescribed: {names!r} must be a list of joints' names")
-        return [self.scoped(name) for name in names]
-
     def model(
         self,
-        description: RobotDescription,
         tasks: Sequence[Task],
         watch: Sequence[Sequence[str]] | None,
+        prescribed: Sequence[str],
     ) -> ControlModel:
-        """The control model, its pairs those that are given or the default ones.
-
-        Raises:
-            ModelError: as of `AddCrarController`.
-        """
+        """The control model; args, errors and warnings as of `AddCrarController`."""
+        tasks, names = check_tasks(tasks), prescribed
+        if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+            raise ModelError(f"prescribed: {names!r} must be a list of joints' names")
+        description = RobotDescription(
+            name=self.name,
+            prescribed_joints={self.scoped(name): "hold" for name in names},
+            task_frames={t.frame: self.scoped(t.frame) for t in tasks if t.frame},
+        )
 
         def make(pairs: Sequence[Pair]) -> ControlModel:
             named = [[self._full_name(body) for body in pair] for pair in pairs]
             described = replace(description, pairs=named)
             of = self._plant, self._scene_graph, described, tasks
-            return ControlModel.FromPlant(*of, self._part)
+            model = ControlModel.FromPlant(*of, self._part)
+            model.border = self
+            return model
 
         def inside(model: ControlModel) -> np.ndarray:
             return model.signed_distances(model.rest_positions()) <= 0.0
@@ -136,14 +150,14 @@ class Border:
         apart = np.linalg.norm(p[:, None] - x, axis=2)
         return bool((apart < r[:, None] + s).any())
 
-    def tell(self, strict: bool) -> None:
-        """Warns of each line of `said`.
+    def tell(self, line: str) -> None:
+        """Warns of what a user has to know.
 
         Raises:
-            ModelError: strict, and there is one.
+            ModelError: it is strict.
         """
-        for line in self.said:
-            tell(f"robot {self.name}: {line}", strict)
+        self.said.append(line)
+        tell(f"robot {self.name}: {line}", self._strict)
 
     def _pair(self, names: Sequence[str]) -> Pair:
         two = not isinstance(names, str) and len(names) == 2
@@ -197,7 +211,7 @@ class Border:
     def _say(self, pairs: Sequence[Pair], what: str) -> None:
         if pairs:
             named = [" - ".join(self._plain(body) for body in pair) for pair in pairs]
-            self.said.append(f"{few(named, _MOST)} {what}")
+            self.tell(f"{few(named, _MOST)} {what}")
 
     def _full_name(self, index: BodyIndex) -> str:
         return self._plant.get_body(index).scoped_name().get_full()
@@ -232,3 +246,35 @@ def _balls(model: ControlModel) -> tuple[np.ndarray, np.ndarray]:
             centres.append(tree.fixed[at, 3, :3])
             radii.append(radius)
     return np.array(centres).reshape(-1, 3), np.array(radii)
+
+
+def _instances(
+    plant: MultibodyPlant, given: Instances | None
+) -> list[ModelInstanceIndex]:
+    """Those of the robot, as `AddCrarController` takes them."""
+    every = map(ModelInstanceIndex, range(plant.num_model_instances()))
+    moving = [i for i in every if plant.num_actuators(i)]
+    if given is None:
+        if len(moving) > 1:
+            names = ", ".join(map(plant.GetModelInstanceName, moving))
+            raise ModelError(
+                f"model_instance: {names} have actuators; say which of them is the "
+                "robot (or give a list, for one controller of several)"
+            )
+        if not moving:
+            raise ModelError(
+                "the plant has no actuator: a robot needs one at each joint "
+                "(transmissions in a URDF)"
+            )
+        return moving
+    if isinstance(given, ModelInstanceIndex | str):
+        given = [given]
+    if not given:
+        raise ModelError("model_instance: [] is no robot; leave it out, or name one")
+    for instance in given:
+        if not isinstance(instance, ModelInstanceIndex):
+            raise ModelError(
+                f"model_instance: {instance!r} is none; give what AddRobot, "
+                "Parser.AddModels or plant.GetModelInstanceByName returns"
+            )
+    return list(given)

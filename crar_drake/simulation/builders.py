@@ -20,7 +20,6 @@ from crar_drake.law.parameters import LookaheadParameters, Parameters
 from crar_drake.law.standing_controller import StandingController
 from crar_drake.law.standing_law import StandingLaw
 from crar_drake.robot.beside import add_robot_beside
-from crar_drake.robot.control_plant import Part
 from crar_drake.robot.description import (
     RobotDescription,
     find_frame,
@@ -29,15 +28,13 @@ from crar_drake.robot.description import (
 )
 from crar_drake.robot.joints import check_described_joints
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.task import Task, check_tasks
-from crar_drake.simulation.border import Border
+from crar_drake.robot.task import Task
+from crar_drake.simulation.border import Border, Instances
 from crar_drake.simulation.scenario import check_multiple
 
 # With Drake's default contact a robot stands at steps up to this; at twice it contact
 # shakes it, and a heavier one is thrown to infinity [s].
 LONGEST_STANDING_STEP = 2.5e-3
-
-Instances = ModelInstanceIndex | Sequence[ModelInstanceIndex]
 
 
 def AddRobot(
@@ -117,9 +114,9 @@ def AddCrarController(
     """Adds a controller of a robot in a plant and connects state and actuation.
 
     It computes with a plant of its own, made from `plant` as it is now: the robot, what
-    hangs on it (joints of a gripper are locked at their default positions), what is
-    welded to the world; the same gravity and time step. Its nominal posture is that of
-    the default positions.
+    hangs on it (joints of a gripper count as locked at their default positions, and
+    while one is elsewhere, nothing is promised), what is welded to the world; the same
+    gravity and time step. Its nominal posture is that of the default positions.
 
     What remains to be connected are `desired_tasks` and, if there are prescribed
     joints, `desired_prescribed`; see `CrarController` for what they carry.
@@ -159,53 +156,57 @@ def AddCrarController(
             shapes that can touch and are not watched, pairs that cannot be examined,
             another controller's robot within reach, arguments without effect.
     """
-    tasks = check_tasks(tasks)
     parameters = LookaheadParameters() if parameters is None else parameters
     for name, given, kind in (
         ("builder", builder, DiagramBuilder),
-        ("plant", plant, MultibodyPlant),
-        ("scene_graph", scene_graph, SceneGraph),
         ("parameters", parameters, Parameters),
     ):
         if not isinstance(given, kind):
             raise ModelError(f"{name} cannot be a {type(given).__name__}")
     parameters.validate()
-    if not plant.is_finalized():
-        raise ModelError("the plant is not finalized: call plant.Finalize() first")
-    part = Part(plant, _instances(plant, model_instance))
-    border = Border(plant, scene_graph, part)
-    description = RobotDescription(
-        name=border.name,
-        prescribed_joints={name: "hold" for name in border.joints(prescribed)},
-        task_frames={t.frame: border.scoped(t.frame) for t in tasks if t.frame},
-    )
-    model = border.model(description, tasks, watch)
+    border = Border(plant, scene_graph, model_instance, strict)
+    model = border.model(tasks, watch, prescribed)
     if np.size(obstacle_speeds) and not isinstance(parameters, LookaheadParameters):
-        border.said.append(
+        border.tell(
             "obstacle_speeds have no effect: the paper's law takes no notice of "
             "obstacles that move; take LookaheadParameters, or leave them out"
         )
     for other in builder.GetSystems():
         theirs = getattr(other, "border", None)
         if theirs is not None and border.can_touch(theirs):
-            border.said.append(
+            line = (
                 f"{theirs.name} and {border.name} can touch, and their controllers do "
                 "not see each other: give both to one controller as model_instance, or "
                 "exclude their contact by a collision filter"
             )
-    border.tell(strict)
-    controller = connect_controller(
-        builder,
-        plant,
-        model,
-        parameters,
-        sorted(part.instances),
+            border.tell(line)
+            theirs.said.append(line)
+    return connect_controller(
+        *(builder, plant, model, parameters),
         estimated_state=estimated_state,
         obstacle_speeds=obstacle_speeds,
         strict=strict,
     )
-    controller.border = border
-    return controller
+
+
+def MakeControlModel(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    tasks: Sequence[Task] = (),
+    *,
+    model_instance: Instances | None = None,
+    watch: Sequence[Sequence[str]] | None = None,
+    prescribed: Sequence[str] = (),
+    strict: bool = False,
+) -> ControlModel:
+    """What `AddCrarController` computes with; of a `SafetyFilter` it needs no tasks.
+
+    Args:
+        plant, scene_graph, tasks, model_instance, watch, prescribed, strict: as of
+            `AddCrarController`; so are errors and warnings.
+    """
+    border = Border(plant, scene_graph, model_instance, strict)
+    return border.model(tasks, watch, prescribed)
 
 
 def connect_controller(
@@ -213,7 +214,6 @@ def connect_controller(
     plant: MultibodyPlant,
     model: ControlModel,
     parameters: Parameters,
-    instances: Sequence[ModelInstanceIndex] = (),
     *,
     estimated_state: OutputPort | None = None,
     obstacle_speeds: Sequence[float] = (),
@@ -223,7 +223,6 @@ def connect_controller(
 
     Args:
         model: of the robot in the plant, its time step included.
-        instances: of the robot, if other things in the plant move.
         estimated_state, obstacle_speeds, strict: as of `AddCrarController`.
 
     Raises:
@@ -231,12 +230,10 @@ def connect_controller(
         ScenarioError: as of `AddCrarController`.
     """
     check_multiple("controller.period", parameters.period, plant.time_step())
+    instances = () if model.border is None else model.border.instances
     every = map(ModelInstanceIndex, range(plant.num_model_instances()))
-    others = [i for i in every if plant.num_positions(i) and i not in instances]
-    if not instances or not others:
-        parts = [()]
-    else:
-        parts = [(i,) for i in instances if plant.num_actuators(i)]
+    alone = not any(plant.num_positions(i) and i not in instances for i in every)
+    parts = [(i,) for i in instances if plant.num_actuators(i) and not alone] or [()]
     ports = [plant.get_actuation_input_port(*of) for of in parts]
     if any(map(builder.IsConnectedOrExported, ports)):
         raise ModelError(
@@ -255,71 +252,36 @@ def connect_controller(
         number += 1
         controller.set_name(f"{name}_{number}")
     builder.AddSystem(controller)
+    if controller.HasInputPort("locked_positions"):
+        of = builder, [*model.border.locked], plant.get_state_output_port()
+        builder.Connect(_picked(*of), controller.GetInputPort("locked_positions"))
     torque = controller.get_output_port_actuation()
     if len(parts) == 1:
         state = plant.get_state_output_port(*parts[0])
         builder.Connect(torque, ports[0])
     else:
         # In the plant's order, which is the control plant's, too.
-        joints = [
-            plant.get_joint(i) for of in parts for i in plant.GetJointIndices(*of)
-        ]
-        joints.sort(key=lambda joint: joint.position_start())
-        picks = plant.MakeStateSelectorMatrix([joint.index() for joint in joints])
-        state = _picked(builder, picks, plant.get_state_output_port())
-        actuators = [
-            plant.get_joint_actuator(i)
-            for of in parts
-            for i in plant.GetJointActuatorIndices(*of)
-        ]
-        actuators.sort(key=lambda actuator: actuator.input_start())
-        every = plant.MakeActuatorSelectorMatrix([each.index() for each in actuators])
-        for of, port in zip(parts, ports, strict=True):
-            own = [plant.GetActuationFromArray(*of, column) for column in every.T]
-            builder.Connect(_picked(builder, np.transpose(own), torque), port)
+        u, x = np.arange(plant.num_actuators()), np.arange(plant.num_multibody_states())
+        q, v = np.split(x, [plant.num_positions()])
+        of_x = [plant.GetPositionsFromArray(*of, q) for of in parts]
+        of_x += [plant.GetVelocitiesFromArray(*of, v) for of in parts]
+        of_u = [plant.GetActuationFromArray(*of, u) for of in parts]
+        ours, torques = (np.sort(np.concatenate(each)) for each in (of_x, of_u))
+        state = _picked(builder, ours, plant.get_state_output_port())
+        for places, port in zip(of_u, ports, strict=True):
+            own = np.searchsorted(torques, places)
+            builder.Connect(_picked(builder, own, torque), port)
     builder.Connect(
         estimated_state or state, controller.get_input_port_estimated_state()
     )
     return controller
 
 
-def _instances(
-    plant: MultibodyPlant, given: Instances | None
-) -> list[ModelInstanceIndex]:
-    """Those of the robot, as `AddCrarController` takes them."""
-    every = map(ModelInstanceIndex, range(plant.num_model_instances()))
-    moving = [i for i in every if plant.num_actuators(i)]
-    if given is None:
-        if len(moving) > 1:
-            names = ", ".join(map(plant.GetModelInstanceName, moving))
-            raise ModelError(
-                f"model_instance: {names} have actuators; say which of them is the "
-                "robot (or give a list, for one controller of several)"
-            )
-        if not moving:
-            raise ModelError(
-                "the plant has no actuator: a robot needs one at each joint "
-                "(transmissions in a URDF)"
-            )
-        return moving
-    if isinstance(given, ModelInstanceIndex | str):
-        given = [given]
-    if not given:
-        raise ModelError("model_instance: [] is no robot; leave it out, or name one")
-    for instance in given:
-        if not isinstance(instance, ModelInstanceIndex):
-            raise ModelError(
-                f"model_instance: {instance!r} is none; give what AddRobot, "
-                "Parser.AddModels or plant.GetModelInstanceByName returns"
-            )
-    return list(given)
-
-
 def _picked(
-    builder: DiagramBuilder, matrix: np.ndarray, port: OutputPort
+    builder: DiagramBuilder, places: Sequence[int], port: OutputPort
 ) -> OutputPort:
-    """The port of some entries of another one, which a matrix picks."""
-    gain = builder.AddSystem(MatrixGain(matrix))
+    """The port of some entries of another one."""
+    gain = builder.AddSystem(MatrixGain(np.eye(port.size())[np.array(places, int)]))
     builder.Connect(port, gain.get_input_port())
     return gain.get_output_port()
 

@@ -579,3 +579,38 @@ def test_a_robot_that_errs_by_the_stated_bound_keeps_the_floor(error):
         assert FLOOR - 1e-6 <= worst < 0.05
     else:
         assert worst < FLOOR
+
+
+def test_a_robot_that_errs_by_more_is_braked_for():
+    """What is said of commands then is not said of the robot, which may be anywhere."""
+    bounds = SafetyParameters(tracking_error=0.01, tracking_errors={"joint3": 0.05})
+    filter = SafetyFilter("obstacle_arm", PERIOD, bounds)
+    rest = filter.model.rest_positions()
+    still, wanted = np.zeros(len(rest)), rest + 0.5
+    filter.reset(rest, np.full(len(rest), 0.1))
+    command = filter(wanted, measured=(rest, still))
+    for joint, off, why in (
+        (0, 0.009, ""),
+        (2, 0.049, ""),
+        (0, 0.011, "tracking error"),
+        (2, -0.051, "tracking error"),
+        (5, np.nan, "tracking error"),
+        (0, 0.0, ""),
+    ):
+        before, q = command, command.q.copy()
+        q[joint] += off
+        command = filter(wanted, measured=(q, still))
+        report, name = command.report, filter.joint_names[joint]
+        assert report.clear == (not why)
+        assert (report.why, report.joint) == (why, name) or not why
+        assert (report.how == "braking") == bool(why) == np.isnan(report.clearance)
+        if why:
+            slower = 1.0 - PERIOD / report.T
+            np.testing.assert_allclose(command.v, slower * before.v)
+            assert report.tracking_joint == name
+    # Where no error is stated nothing is said of the robot, but it has to be somewhere.
+    filter = SafetyFilter(filter.model, PERIOD)
+    assert filter(rest, measured=(rest, still)).report.clear
+    assert filter(rest, measured=(rest + 0.5, still)).report.clear
+    report = filter(rest, measured=(rest * np.nan, still)).report
+    assert (report.why, report.clear) == ("tracking error", False)

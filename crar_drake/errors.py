@@ -20,6 +20,10 @@ class MotionError(CrarError):
     """A motion-capture file, its name, or its contents."""
 
 
+class NoMotionError(MotionError):
+    """A file that holds something else; in a folder of motions it is skipped."""
+
+
 class ModelError(CrarError):
     """A robot model, its description, or a plant handed to the controller."""
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crar_drake.commands.output import continuing, counted, final_line
+from crar_drake.errors import plural
 
 if TYPE_CHECKING:
     from crar_drake.references.each_file import FileResult
@@ -79,7 +80,7 @@ def report_files(
         table: that was written, with its page beside it.
 
     Returns:
-        The exit code: 1 if anything is violated or failed.
+        The exit code: 1 if anything is violated or failed, 2 if there is no motion.
     """
     from crar_drake.references.folders import page_of
 
@@ -89,7 +90,12 @@ def report_files(
         print(f"violated: {which}: {'; '.join(violated([clip]))}")
     if len(left) > _MOST_LINES:
         print(f"and {len(left) - _MOST_LINES} more, in the table")
-    failed = [file for file in files if file.error]
+    skipped = [file for file in files if file.skipped]
+    for file in skipped[:_MOST_LINES]:
+        print(f"skipped: {file.error}", file=sys.stderr)
+    if len(skipped) > _MOST_LINES:
+        print(f"and {len(skipped) - _MOST_LINES} more skipped", file=sys.stderr)
+    failed = [file for file in files if file.error and not file.skipped]
     for file in failed[:_MOST_LINES]:
         print(f"failed: {file.error}", file=sys.stderr)
     if len(failed) > _MOST_LINES:
@@ -97,5 +103,8 @@ def report_files(
     print(table)
     print(page_of(table))
     clips = [clip for file in files for clip in file.clips]
+    if len(skipped) == len(files):
+        print(f"NOT JUDGED: {plural(len(files), 'file')}, and no motion in any")
+        return 2
     bad = [*violated(clips), *counted(len(failed), "file", "failed")]
     return final_line(bad, left=[clip.left for clip in clips])

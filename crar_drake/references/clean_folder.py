@@ -17,6 +17,7 @@ from crar_drake.references.folder_page import Figure
 from crar_drake.references.folders import (
     CLEANED_TABLE,
     FolderWork,
+    apart,
     find_references,
     work_through,
 )
@@ -84,7 +85,7 @@ def clean_folder(
     work = FolderWork(
         table=CLEANED_TABLE,
         row=CleanedClip,
-        places={path: out / path.relative_to(folder) for path in references},
+        places=apart({path: out / path.relative_to(folder) for path in references}),
         begin=partial(FileCleaner, robot, parameters, given),
         figures=(*FIGURES, _BEFORE, *LEFT),
         note=lambda clip: clip.exceeded or clip.deepest,

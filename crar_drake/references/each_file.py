@@ -6,12 +6,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from crar_drake.batches import in_batches
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, NoMotionError
 from crar_drake.fresh_processes import given_or_fresh
 
 # A process that has worked for so long gives back what it has [s].
@@ -28,12 +28,15 @@ class FileResult:
     source: Path  # the file
     clips: tuple[Any, ...] = ()  # of its motions, one each; none if it failed
     error: str = ""  # why it failed, with its name; "" if it did not
+    skipped: bool = False  # whether it did not fail: it holds no motion
 
 
 def result_of(work: Work, source: Path, *rest: Any) -> FileResult:
     """What became of a file; whatever is wrong is of this one."""
     try:
         return FileResult(source, tuple(work(source, *rest)))
+    except NoMotionError as error:
+        return replace(_failed(source, str(error)), skipped=True)
     except CrarError as error:
         return _failed(source, str(error))
     except Exception as error:

@@ -140,7 +140,6 @@ def work_through(
             for path, place in work.places.items()
             if path in kept and _is_done(work, path, place, files)
         }
-        finished |= _without_own_certificate(work.places)
         waiting = [pair for pair in work.places.items() if pair[0] not in finished]
         results = each_file(waiting, work.begin, jobs=jobs, executor=executor)
         with closing(results):
@@ -176,19 +175,18 @@ def _write_page(
     )
 
 
-def _without_own_certificate(places: Mapping[Path, Path]) -> dict[Path, FileResult]:
-    """Files whose certificate another one's would replace: all but the first."""
-    owners: dict[Path, Path] = {}
-    failed = {}
+def apart(places: Mapping[Path, Path]) -> dict[Path, Path]:
+    """Places of files, none of which has another's certificate: walk.bvh beside
+    walk.npz becomes walk-npz.csv beside walk.csv."""
+    taken: set[Path] = set()
+    found = {}
     for source, out in sorted(places.items()):
-        owner = owners.setdefault(certificate_path(out), source)
-        if owner != source:
-            why = (
-                f"{source}: its certificate would be that of {owner.name}; rename one "
-                "of them"
-            )
-            failed[source] = FileResult(source, error=why)
-    return failed
+        suffix = source.suffix[1:].lower()
+        while certificate_path(out) in taken:
+            out = out.with_stem(f"{out.stem}-{suffix}")
+        taken.add(certificate_path(out))
+        found[source] = out
+    return found
 
 
 def _is_done(work: FolderWork, source: Path, out: Path, robot: dict[str, str]) -> bool:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake.errors import MotionError
+from crar_drake.errors import MotionError, NoMotionError
 from crar_drake.files import whole_file
 from crar_drake.motion.array_files import load_arrays, npy_header, npz_names
 from crar_drake.motion.plain_pickle import (
@@ -89,7 +89,11 @@ def _csv(path: Path) -> dict[str, np.ndarray]:
             bad = next(cell.strip() for cell in cells if not _is_number(cell))
             known = ", or ".join(", ".join(names) for names in HEADINGS)
             header = f" (a heading has {known})" if not rows else ""
-            raise MotionError(
+            # A table of words is something else than a motion with an odd heading.
+            numbers = "\n".join(lines[number : number + 2])
+            of_words = not rows and not any(map(_is_number, cells_of(numbers)))
+            kind = NoMotionError if of_words else MotionError
+            raise kind(
                 f"{path}, line {number}: {bad[:40]!r} is no number{header}"
             ) from None
         expected = len(heading or (rows or [row])[0])

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crar_drake.errors import MotionError
+from crar_drake.errors import MotionError, NoMotionError
 from crar_drake.motion.rates import SLOWEST, rate_doubt, rate_meant
 from crar_drake.references import locomujoco_npz
 from crar_drake.references.held_values import (
@@ -197,7 +197,7 @@ def _unknown(where: object, held: Mapping, suffix: str) -> MotionError:
     )
     log = " (it looks like the log of a run)" if "signed_distances" in held else ""
     has = f"; this has {joined(held)}"
-    return MotionError(f"{where}: it is no motion{log}: {known}{has}")
+    return NoMotionError(f"{where}: it is no motion{log}: {known}{has}")
 
 
 class _Values:

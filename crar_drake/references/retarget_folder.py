@@ -20,6 +20,7 @@ from crar_drake.references.folder_page import Figure
 from crar_drake.references.folders import (
     RETARGETED_TABLE,
     FolderWork,
+    apart,
     is_table,
     work_through,
 )
@@ -104,10 +105,12 @@ def retarget_folder(
     work = FolderWork(
         table=RETARGETED_TABLE,
         row=RetargetedClip,
-        places={
-            path: (out / path.relative_to(folder)).with_suffix(suffix)
-            for path in find_people(folder)
-        },
+        places=apart(
+            {
+                path: (out / path.relative_to(folder)).with_suffix(suffix)
+                for path in find_people(folder)
+            }
+        ),
         begin=partial(FileRetargeter, robot, given),
         figures=FIGURES,
         note=lambda row: row.deepest or row.faults or f"farthest off: {row.farthest}",

@@ -4,6 +4,7 @@ import copy
 import json
 import pickle
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from crar_drake.references.clean_file import (
     clean_file,
 )
 from crar_drake.references.clean_folder import clean_folder
-from crar_drake.references.folders import _read_table
+from crar_drake.references.folders import _read_table, apart
 from crar_drake.references.motion_certificate import check_certificate
 from crar_drake.references.motion_files import read_motions, write_motions
 from crar_drake.references.whole_body import WholeBody
@@ -451,8 +452,35 @@ def test_any_error_is_of_its_file(cleaned, tmp_path, monkeypatch):
 
     monkeypatch.setattr(FileCleaner, "__call__", fail)
     files = clean_folder(references, tmp_path / "out", str(folder), executor=Here())
-    assert ["PermissionError" in file.error for file in files] == [True, True, False]
-    assert "b.npz: its certificate would be that of b.csv" in files[2].error
+    assert ["PermissionError" in file.error for file in files] == [True, True, True]
+
+
+def test_names_that_clash_are_written_apart(tmp_path):
+    names = ("a.csv", "b.csv", "b.npz", "b.pkl", "b-npz.csv")
+    places = {Path("in") / name: tmp_path / name for name in names}
+    found = apart(places)
+    assert found[Path("in/b.csv")] == tmp_path / "b.csv"
+    assert len({certificate_path(place) for place in found.values()}) == len(names)
+    assert [place.suffix for place in found.values()] == [
+        source.suffix for source in found
+    ]
+
+
+def test_what_is_no_motion_is_skipped_and_said(tmp_path, capsys):
+    folder = write_robot(tmp_path)
+    references = tmp_path / "references"
+    references.mkdir()
+    np.savez(references / "shape.npz", betas=np.zeros(10), gender="neutral")
+    (references / "labels.csv").write_text("file,label\nwalk.npz,walk\n")
+    arguments = ["clean", str(references), "--out", str(tmp_path / "out")]
+    arguments += ["--robot", str(folder), "--jobs", "1"]
+    assert main(arguments) == 2
+    assert "NOT JUDGED: 2 files, and no motion in any" in capsys.readouterr().out
+    write_csv(references / "reach.csv", reaching(24, 30.0, 0.5))
+    assert main(arguments) == 0
+    said = capsys.readouterr()
+    assert said.out.splitlines()[-1].startswith("OK")
+    assert said.err.count("skipped: ") == 2
 
 
 def test_degrees_are_refused(tmp_path, capsys):

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake.errors import MotionError, printable
+from crar_drake.errors import MotionError, NoMotionError, printable
 from crar_drake.motion.array_files import load_arrays
 from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.point_layouts import are_numbered
@@ -68,7 +68,7 @@ def _of_npz(path: Path, arrays: dict[str, np.ndarray]) -> PointArrays:
         ]
         if len(fitting) != 1:
             held = ", ".join(f"{key} {array.shape}" for key, array in arrays.items())
-            raise MotionError(
+            raise NoMotionError(
                 f"{path}: no array {_ARRAYS[0]} of shape (T, J, 3); the file holds "
                 f"{held or 'nothing'}"
             )
@@ -136,7 +136,7 @@ def _read_csv(path: Path) -> PointArrays:
             columns.setdefault(found[1], {})[found[2].lower()] = i
     points = {name: axes for name, axes in columns.items() if len(axes) == 3}
     if not points:
-        raise MotionError(
+        raise NoMotionError(
             f"{path}:{rows.line_num}: expected a heading such as left_hip_x, "
             f"left_hip_y, left_hip_z; found {', '.join(heading[:6]) or 'nothing'}"
         )

@@ -17,8 +17,8 @@ from crar_drake.commands.options import (
     add_command,
     add_file_options,
     add_frame_rate,
-    add_jobs,
     add_skeleton,
+    add_whole_body,
     positive,
     share,
 )
@@ -45,18 +45,10 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="MOTION",
         help=f"{MOTION_HELP}; or a folder with such in it or below",
     )
-    parser.add_argument(
-        "--robot",
-        required=True,
-        metavar="ROBOT",
-        help="name or folder of the robot, imported as a whole body",
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="PATH",
-        help="a .csv, .npz or .pkl to write (default: out/retarget/MOTION.csv), or "
-        "folder for those of a folder",
+    add_whole_body(
+        parser,
+        "a .csv, .npz or .pkl to write (default: out/retarget/MOTION.csv), or folder "
+        "for those of a folder",
     )
     parser.add_argument(
         "--layout",
@@ -91,7 +83,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     add_skeleton(parser)
     add_frame_rate(parser)
     add_file_options(parser)
-    add_jobs(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.commands.folders import (
-    files_bar,
     frames_bar,
     progress_bar,
     report_files,
+    work_on,
 )
 from crar_drake.commands.options import (
     UsageError,
@@ -347,21 +347,12 @@ def _millimetres(rms: float, worst: float) -> str:
 
 
 def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
-    from crar_drake.references.clean_folder import clean_folder
-    from crar_drake.references.folders import CLEANED_TABLE
+    from crar_drake.references.clean_folder import cleaning
 
     folder: Path = arguments.reference
     out = arguments.out or OUT / "clean" / label(folder / "all").parent.name
-    with files_bar(out) as progress:
-        files = clean_folder(
-            folder,
-            out,
-            arguments.robot,
-            parameters,
-            jobs=arguments.jobs,
-            progress=progress,
-            **_options(arguments),
-        )
+    work = cleaning(folder, out, arguments.robot, parameters, **_options(arguments))
+    files = work_on(work, arguments.jobs)
     clips = [clip for file in files for clip in file.clips]
     print(
         f"{len(clips)} motions: capsules penetrated in "
@@ -369,4 +360,4 @@ def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
         f"{sum(clip.penetrating > 0 for clip in clips)}; "
         f"{sum(clip.violated for clip in clips)} violate something"
     )
-    return report_files(files, violations, out / CLEANED_TABLE)
+    return report_files(files, violations, work.table)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.commands.clean import changes, clip_lines, violations
-from crar_drake.commands.folders import files_bar, frames_bar, report_files
+from crar_drake.commands.folders import frames_bar, report_files, work_on
 from crar_drake.commands.options import (
     FILE_OPTIONS,
     MOTION_HELP,
@@ -130,20 +130,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
-    from crar_drake.references.folders import RETARGETED_TABLE
-    from crar_drake.references.retarget_folder import retarget_folder
+    from crar_drake.references.retarget_folder import retargeting
 
     folder = Path(arguments.motion)
     out = arguments.out or OUT / "retarget" / label(folder / "all").parent.name
-    with files_bar(out) as progress:
-        files = retarget_folder(
-            folder,
-            out,
-            arguments.robot,
-            jobs=arguments.jobs,
-            progress=progress,
-            **options,
-        )
+    work = retargeting(folder, out, arguments.robot, **options)
+    files = work_on(work, arguments.jobs)
     rows = [row for file in files for row in file.clips]
     violated = sum(row.violated for row in rows)
     print(
@@ -160,7 +152,7 @@ def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
             f"median and {most:.1f} deg in 95 % of the frames; planted feet slip by "
             f"{1e3 * max(row.slip for row in rows):.1f} mm"
         )
-    return report_files(files, violations, out / RETARGETED_TABLE)
+    return report_files(files, violations, work.table)
 
 
 def _lines(clip: RetargetedClip) -> list[str]:

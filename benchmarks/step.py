@@ -31,7 +31,7 @@ from benchmarks.step_timing import Step, fit_growth, samples_of_run, time_side_b
 from benchmarks.sweep.command import list_of, one_of
 from crar_drake.law.parameters import CONSTRAINTS, PaperParameters
 from crar_drake.results import RECORDING
-from crar_drake.results.playback import record_log
+from crar_drake.results.playback import record_logs
 from crar_drake.run import make_log, run_scenario
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario
 from crar_drake.simulation.scenario import Scenario
@@ -142,7 +142,7 @@ def time_simulation(scenario: Scenario, recording: bool) -> tuple[float, float, 
     if recording:
         log = make_log(scenario, setup, diagram, simulator.get_context())
         with tempfile.TemporaryDirectory() as folder:
-            record_log(log, Path(folder) / RECORDING, scenario=scenario)
+            record_logs([log], Path(folder) / RECORDING, scenario=scenario)
     return end - start, cpu_end - cpu_start, time.perf_counter() - end
 
 

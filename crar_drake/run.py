@@ -438,10 +438,10 @@ def write_run(
         write_whole(path, summary.to_json())
 
     def write_recording(path: Path) -> None:
-        from crar_drake.results.playback import record_log
+        from crar_drake.results.playback import record_logs
 
-        record_log(
-            log,
+        record_logs(
+            [log],
             path,
             frames_per_second=1.0 / scenario.visualization.publish_period,
             scenario=scenario,

@@ -64,7 +64,6 @@ def load_yaml(
     defaults: T | None = None,
     of_others: Mapping[_Way, Any] = MappingProxyType({}),
     kinds: Mapping[str, tuple[str, Mapping[str, type]]] = MappingProxyType({}),
-    moved: Mapping[_Way, str] = MappingProxyType({}),
 ) -> T:
     """Makes an object of a YAML text.
 
@@ -78,7 +77,6 @@ def load_yaml(
             have, to what it does anyway. They are left out where they say that.
         kinds: top-level keys whose class one of their own keys chooses: that key, and
             its values to classes. A class that lacks the key is not given it.
-        moved: the way to keys that there are no more, to what to write instead.
 
     Raises:
         error: the text is no YAML, is empty, has a key twice or one that the schema
@@ -111,11 +109,6 @@ def load_yaml(
             f"{source}: expected keys and values, found {_shown(document)}; see "
             f"{manual}"
         )
-    for way, instead in moved.items():
-        if _take_out(document, [way]):
-            line = lines.get(way)
-            at = f" (line {line})" if line else ""
-            raise error(f"{source}: {_spelled(way)}{at}: {instead}")
     chosen = [_choose(document, key, *kind) for key, kind in kinds.items()]
     others = {
         (key, name): f"it belongs to {by}: {word}"

@@ -10,15 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.commands.folders import (
-    files_bar,
     frames_bar,
     progress_bar,
     report_files,
+    work_on,
 )
 from crar_drake.commands.options import (
     UsageError,
     add_command,
-    add_jobs,
+    add_frame_rate,
+    add_whole_body,
     positive,
     share,
 )
@@ -46,18 +47,10 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="PATH",
         help="a robot motion (.csv, .npz, .pkl), or a folder with such in it or below",
     )
-    parser.add_argument(
-        "--robot",
-        required=True,
-        metavar="ROBOT",
-        help="name or folder of the robot, imported as a whole body",
+    add_whole_body(
+        parser, "file to write, or folder for those of a folder (default: in out/clean)"
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="PATH",
-        help="file to write, or folder for those of a folder (default: in out/clean)",
-    )
+    add_frame_rate(parser)
     parser.add_argument(
         "--hands",
         action="store_true",
@@ -68,12 +61,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--layout",
         metavar="LAYOUT",
         help="layout of the files (default: what each looks like)",
-    )
-    parser.add_argument(
-        "--frame-rate",
-        type=positive,
-        metavar="HZ",
-        help="frames per second (default: what a file says, else its layout's)",
     )
     parser.add_argument(
         "--velocity-scale",
@@ -115,7 +102,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="no page of before and after, which takes longer than cleaning does (of "
         "a folder's files there is none; crar-drake show makes it)",
     )
-    add_jobs(parser)
 
 
 # Unit of --at-most: metres or radians in it.
@@ -361,21 +347,12 @@ def _millimetres(rms: float, worst: float) -> str:
 
 
 def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
-    from crar_drake.references.clean_folder import clean_folder
-    from crar_drake.references.folders import CLEANED_TABLE
+    from crar_drake.references.clean_folder import cleaning
 
     folder: Path = arguments.reference
     out = arguments.out or OUT / "clean" / label(folder / "all").parent.name
-    with files_bar(out) as progress:
-        files = clean_folder(
-            folder,
-            out,
-            arguments.robot,
-            parameters,
-            jobs=arguments.jobs,
-            progress=progress,
-            **_options(arguments),
-        )
+    work = cleaning(folder, out, arguments.robot, parameters, **_options(arguments))
+    files = work_on(work, arguments.jobs)
     clips = [clip for file in files for clip in file.clips]
     print(
         f"{len(clips)} motions: capsules penetrated in "
@@ -383,4 +360,4 @@ def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
         f"{sum(clip.penetrating > 0 for clip in clips)}; "
         f"{sum(clip.violated for clip in clips)} violate something"
     )
-    return report_files(files, violations, out / CLEANED_TABLE)
+    return report_files(files, violations, work.table)

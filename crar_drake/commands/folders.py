@@ -13,26 +13,25 @@ from crar_drake.errors import plural
 
 if TYPE_CHECKING:
     from crar_drake.references.each_file import FileResult
+    from crar_drake.references.folders import FolderWork
 
 # Files that are reported one by one.
 _MOST_LINES = 10
 
 
-@contextmanager
-def files_bar(out: Path) -> Iterator[Callable[[int, int, FileResult], None]]:
-    """Yields a callback that draws how many files are finished, on stderr.
+def work_on(work: FolderWork, jobs: int | None) -> list[FileResult]:
+    """Does it, and draws how many files are finished, on stderr; says there where these
+    are, if it is interrupted."""
+    from crar_drake.references.folders import work_through
 
-    Args:
-        out: folder in which it says that finished files are, if it is interrupted.
-    """
-    with continuing(out), progress_bar() as bar:
+    with continuing(work.table.parent), progress_bar() as bar:
         task = bar.add_task("", total=None)
 
         def show(done: int, total: int, newest: FileResult) -> None:
             what = f"{newest.source.name}{' failed' if newest.error else ''}"
             bar.update(task, completed=done, total=total, description=what)
 
-        yield show
+        return work_through(work, jobs=jobs, progress=show)
 
 
 @contextmanager

@@ -180,6 +180,48 @@ def add_reference_options(parser: Parser, also: str = "") -> None:
     )
 
 
+def add_whole_body(parser: Parser, out: str) -> None:
+    """Adds --robot, --out and --jobs, of what makes motions of a whole robot.
+
+    Args:
+        out: what --out is, for the help.
+    """
+    parser.add_argument(
+        "--robot",
+        required=True,
+        metavar="ROBOT",
+        help="name or folder of the robot, imported as a whole body",
+    )
+    parser.add_argument("--out", type=Path, metavar="PATH", help=out)
+    add_jobs(parser)
+
+
+def add_served(parser: Parser, port: int, what: str, reached: str, unit: str) -> None:
+    """Adds --host, --port and --duration, of what goes on until somebody ends it.
+
+    Args:
+        port: that is the default.
+        what: has the port.
+        reached: what is done by whoever reaches the host by default.
+        unit: of the duration.
+    """
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help=f"address of {what}; by default this computer alone {reached}. Whoever "
+        "reaches another address moves the robot: nobody is asked who they are",
+    )
+    parser.add_argument(
+        "--port",
+        type=int,
+        default=port,
+        help=f"of {what}; 0 takes a free one (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--duration", type=positive, metavar="S", help=f"end after S {unit}"
+    )
+
+
 def add_jobs(parser: Parser) -> None:
     """Adds --jobs, of what simulates much."""
     parser.add_argument(

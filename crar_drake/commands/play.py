@@ -12,6 +12,7 @@ from crar_drake.commands.options import (
     CONSTRAINTS,
     add_command,
     add_scenario,
+    add_served,
     chosen_scenario,
     override_motion,
     positive,
@@ -59,18 +60,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="simulated seconds in a real one, as wished (default: %(default)g)",
     )
     parser.add_argument(
-        "--host",
-        default="127.0.0.1",
-        help="address of the page; by default this computer alone has it. Whoever "
-        "reaches another address moves the robot: nobody is asked who they are",
-    )
-    parser.add_argument(
-        "--port",
-        type=int,
-        default=_PORT,
-        help="of the page; 0 takes a free one (default: %(default)s)",
-    )
-    parser.add_argument(
         "--no-browser", action="store_true", help="print the URL, open no browser"
     )
     parser.add_argument(
@@ -80,9 +69,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="folder for recording.html, log.npz, summary.json and plot.png "
         "(default: out/NAME_play)",
     )
-    parser.add_argument(
-        "--duration", type=positive, metavar="S", help="end after S simulated seconds"
-    )
+    add_served(parser, _PORT, "the page", "has it", "simulated seconds")
 
 
 def run(arguments: argparse.Namespace) -> None:

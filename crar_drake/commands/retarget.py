@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.commands.clean import changes, clip_lines, violations
-from crar_drake.commands.folders import files_bar, frames_bar, report_files
+from crar_drake.commands.folders import frames_bar, report_files, work_on
 from crar_drake.commands.options import (
     FILE_OPTIONS,
     MOTION_HELP,
@@ -17,8 +17,8 @@ from crar_drake.commands.options import (
     add_command,
     add_file_options,
     add_frame_rate,
-    add_jobs,
     add_skeleton,
+    add_whole_body,
     positive,
     share,
 )
@@ -45,18 +45,10 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="MOTION",
         help=f"{MOTION_HELP}; or a folder with such in it or below",
     )
-    parser.add_argument(
-        "--robot",
-        required=True,
-        metavar="ROBOT",
-        help="name or folder of the robot, imported as a whole body",
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="PATH",
-        help="a .csv, .npz or .pkl to write (default: out/retarget/MOTION.csv), or "
-        "folder for those of a folder",
+    add_whole_body(
+        parser,
+        "a .csv, .npz or .pkl to write (default: out/retarget/MOTION.csv), or folder "
+        "for those of a folder",
     )
     parser.add_argument(
         "--layout",
@@ -91,7 +83,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     add_skeleton(parser)
     add_frame_rate(parser)
     add_file_options(parser)
-    add_jobs(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -139,20 +130,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
-    from crar_drake.references.folders import RETARGETED_TABLE
-    from crar_drake.references.retarget_folder import retarget_folder
+    from crar_drake.references.retarget_folder import retargeting
 
     folder = Path(arguments.motion)
     out = arguments.out or OUT / "retarget" / label(folder / "all").parent.name
-    with files_bar(out) as progress:
-        files = retarget_folder(
-            folder,
-            out,
-            arguments.robot,
-            jobs=arguments.jobs,
-            progress=progress,
-            **options,
-        )
+    work = retargeting(folder, out, arguments.robot, **options)
+    files = work_on(work, arguments.jobs)
     rows = [row for file in files for row in file.clips]
     violated = sum(row.violated for row in rows)
     print(
@@ -169,7 +152,7 @@ def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
             f"median and {most:.1f} deg in 95 % of the frames; planted feet slip by "
             f"{1e3 * max(row.slip for row in rows):.1f} mm"
         )
-    return report_files(files, violations, out / RETARGETED_TABLE)
+    return report_files(files, violations, work.table)
 
 
 def _lines(clip: RetargetedClip) -> list[str]:

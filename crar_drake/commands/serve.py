@@ -13,6 +13,7 @@ from crar_drake.commands.options import (
     EXPERIMENT_HELP,
     EXPERIMENTS,
     add_command,
+    add_served,
     positive,
 )
 from crar_drake.errors import CrarError
@@ -58,18 +59,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="HZ",
         help="commands per second (default: %(default)g)",
     )
-    parser.add_argument(
-        "--host",
-        default="127.0.0.1",
-        help="address to listen at; by default this computer alone can send. Whoever "
-        "reaches another address moves the robot: nobody is asked who they are",
-    )
-    parser.add_argument(
-        "--port",
-        type=int,
-        default=_PORT,
-        help="of UDP; 0 takes a free one (default: %(default)s)",
-    )
     for bound in fields(Gate):
         parser.add_argument(
             f"--{bound.name.replace('_', '-')}",
@@ -100,9 +89,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="brake where a joint of the robot is farther than this from what it was "
         "told, or the robot is not heard for --timeout (default: never)",
     )
-    parser.add_argument(
-        "--duration", type=positive, metavar="S", help="end after S seconds"
-    )
+    add_served(parser, _PORT, "UDP", "can send", "seconds")
 
 
 def run(arguments: argparse.Namespace) -> None:

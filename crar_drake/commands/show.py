@@ -193,13 +193,13 @@ def _describe_reference(arguments: argparse.Namespace, motion: str, plot: Path) 
 def _show_log(arguments: argparse.Namespace, path: Path) -> None:
     from crar_drake.files import check_file
     from crar_drake.results.log import SimulationLog
-    from crar_drake.results.playback import record_log
+    from crar_drake.results.playback import record_logs
 
     _refuse_others(arguments, "a log")
     log = SimulationLog.load(path)
     out = arguments.out or path.with_name("playback.html")
     check_file(out)
-    tell_drawn(record_log(log, out, robot=arguments.robot or ""))
+    tell_drawn(record_logs([log], out, robot=arguments.robot or ""))
     print(out)
 
 
@@ -209,7 +209,7 @@ def _show_several(arguments: argparse.Namespace) -> None:
     from crar_drake.motion.robots_own import holds_reference
     from crar_drake.results import LOG
     from crar_drake.results.log import SimulationLog
-    from crar_drake.results.playback import compare_logs, distinct_labels
+    from crar_drake.results.playback import distinct_labels, record_logs
 
     paths = [Path(file) for file in arguments.files]
     paths = [path / LOG if path.is_dir() else path for path in paths]
@@ -232,7 +232,7 @@ def _show_several(arguments: argparse.Namespace) -> None:
         folders = [path.absolute().parent.name for path in paths]
         labels = labels or distinct_labels(logs, folders)
         robot, overlay = arguments.robot or "", arguments.overlay
-        tell_drawn(compare_logs(logs, out, labels=labels, overlay=overlay, robot=robot))
+        tell_drawn(record_logs(logs, out, labels=labels, overlay=overlay, robot=robot))
     print(out)
 
 

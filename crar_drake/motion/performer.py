@@ -127,7 +127,7 @@ class Performer(Described, Sampled):
     # the identity as the skeleton stands at rest, where the file's rest pose is a
     # standing person, else see `facts`. Empty where the format has none.
     orientations: Mapping[str, np.ndarray] = field(default_factory=dict)
-    # "left_hand", "right_hand" to (T, 3, 3) R_WH, see `HandOrientations`
+    # "left_hand", "right_hand" to (T, 3, 3) R_WH, see `hand_orientations`
     hands: Mapping[str, np.ndarray] = field(default_factory=dict)
     up: str = ""  # the file's axis that points up, e.g. "+y"; "" if it is W's
     facing: str = ""  # the file's axis that becomes W's x

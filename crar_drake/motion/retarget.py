@@ -109,7 +109,6 @@ def retarget(
     lengths: SegmentLengths,
     *,
     cutoff: float = DEFAULT_CUTOFF,
-    waist: np.ndarray | None = None,
 ) -> RetargetedMotion:
     """Filters a performer's joint centres and scales them to a robot.
 
@@ -120,7 +119,6 @@ def retarget(
     Args:
         lengths: the robot's lengths [m].
         cutoff: of the zero-phase low-pass [Hz].
-        waist: (T, 3) the path of the robot's waist, if it is known otherwise [m].
 
     Raises:
         MotionError: the motion is too short, the cutoff too high, or two joint
@@ -135,9 +133,8 @@ def retarget(
     except MotionError as error:
         raise MotionError(f"motion {centres.name}: {error}") from error
 
-    if waist is None:
-        waist = smooth["waist"] * (lengths.waist_height / centres.hip_height)
-        waist[:, :2] -= waist[0, :2].copy()
+    waist = smooth["waist"] * (lengths.waist_height / centres.hip_height)
+    waist[:, :2] -= waist[0, :2].copy()
     positions = {"waist": waist}
     for start, end, field in SEGMENTS:
         _check_segment(centres, centres.positions, start, end)

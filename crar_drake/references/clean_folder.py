@@ -1,9 +1,7 @@
-"""Many files of reference motions, cleaned in parallel."""
+"""A folder of reference motions in, cleaned ones out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from functools import partial
 from math import degrees, nan
@@ -12,14 +10,11 @@ from typing import Any
 
 from crar_drake.references.clean_file import CleanedClip, FileCleaner, FileOptions
 from crar_drake.references.cleaning import CleaningParameters
-from crar_drake.references.each_file import FileResult
 from crar_drake.references.folder_page import Figure
 from crar_drake.references.folders import (
     CLEANED_TABLE,
     FolderWork,
-    apart,
     find_references,
-    work_through,
 )
 from crar_drake.references.layouts import layout_named
 
@@ -44,48 +39,43 @@ LEFT = (
 _BEFORE = Figure("capsules penetrated in", lambda c: c.penetrating_before)
 
 
-def clean_folder(
+def cleaning(
     folder: Path,
     out: Path,
     robot: str,
     parameters: CleaningParameters | None = None,
-    *,
-    jobs: int | None = None,
-    executor: Executor | None = None,
-    progress: Callable[[int, int, FileResult], None] | None = None,
     **options: Any,
-) -> list[FileResult]:
-    """Cleans each file of a folder into the same place below `out`.
-
-    `out`/cleaned.csv has a `CleanedClip` for each motion of each file, and cleaned.html
-    shows them. Another `at_most` alone makes no file be cleaned again.
+) -> FolderWork:
+    """Each file of a folder cleaned into the same place below `out`, with cleaned.csv,
+    which has a `CleanedClip` for each motion. Another `at_most` alone makes no file be
+    cleaned again.
 
     Args:
         folder: with references in it or below.
         out: another folder.
-        robot: name or folder of the robot.
-        parameters: what changing the least means, and what is kept.
-        jobs, executor, progress: as of `work_through`.
+        robot, parameters: as of `clean_file`.
         options: of all files, see `FileOptions`.
 
     Raises:
         MotionError: there is no such layout.
-        ModelError, CrarError: as `find_references` and `work_through`.
+        CrarError: as `find_references`.
     """
     given = FileOptions(**options)
     if given.layout:
         layout_named(given.layout)
     parameters = parameters or CleaningParameters()
     parameters.validate()
-    references = find_references(folder)
 
     def gated(clip: CleanedClip) -> CleanedClip:
         return replace(clip, exceeded=given.at_most.exceeded(clip))
 
-    work = FolderWork(
-        table=CLEANED_TABLE,
+    return FolderWork(
+        folder=folder,
+        table=out / CLEANED_TABLE,
         row=CleanedClip,
-        places=apart({path: out / path.relative_to(folder) for path in references}),
+        places={
+            path: out / path.relative_to(folder) for path in find_references(folder)
+        },
         begin=partial(FileCleaner, robot, parameters, given),
         figures=(*FIGURES, _BEFORE, *LEFT),
         note=lambda clip: clip.exceeded or clip.deepest,
@@ -93,7 +83,4 @@ def clean_folder(
         parameters=asdict(parameters),
         options=lambda _: given.certified(),
         again=gated,
-    )
-    return work_through(
-        work, folder, out, jobs=jobs, executor=executor, progress=progress
     )

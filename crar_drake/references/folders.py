@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,10 +43,12 @@ _CONVERSIONS = {"int": int, "float": float, "str": str}
 class FolderWork:
     """What is to be done with the files of a folder."""
 
-    table: str  # name of the table, a CSV
+    folder: Path  # that they are in, or below
+    table: Path  # a CSV in another folder, which what is written is in, or below
     # of it: a dataclass whose fields are numbers and texts, `clip` among them
     row: type
-    places: Mapping[Path, Path]  # each file to that which is to be written of it
+    # each file to that which is to be written of it, or `apart` from it
+    places: Mapping[Path, Path]
     begin: Callable[[], Work]  # from a file and its place to its rows (`each_file`)
     # of a row, for the page; the first one says which motion is the worst
     figures: Sequence[Figure]
@@ -101,40 +103,38 @@ def is_table(path: Path) -> bool:
 
 def work_through(
     work: FolderWork,
-    folder: Path,
-    out: Path,
     *,
     jobs: int | None = None,
     executor: Executor | None = None,
     progress: Callable[[int, int, FileResult], None] | None = None,
 ) -> list[FileResult]:
-    """Does the work on each file of a folder, and writes the table into `out`, and in
-    the end a page beside it (`page_of`).
+    """Does the work on each file of a folder, and writes the table, and in the end a
+    page beside it (`page_of`).
 
     A file whose certificate is there, of the same file, robot, parameters and options,
     is not done again.
 
     Args:
         work: what is to be done.
-        folder: that the files are in, or below.
-        out: another folder.
         jobs, executor: as of `each_file`.
         progress: is called with (finished, all, newest).
 
     Raises:
         ModelError: there is no such robot, or it cannot be used.
-        CrarError: `out` is the folder itself or below it, or another process is writing
-            to it. What is wrong with one file is reported of it, and is not fatal.
+        CrarError: the table's folder is the files' own or below it, or another process
+            is writing to it. What is wrong with one file is reported of it, and is not
+            fatal.
     """
-    if out.resolve().is_relative_to(folder.resolve()):
+    work = replace(work, places=apart(work.places))
+    table, out = work.table, work.table.parent
+    if out.resolve().is_relative_to(work.folder.resolve()):
         # What is written would be taken for a motion the next time.
         raise CrarError(
             f"{out}: is the motions' own folder, or below it; name another (--out)"
         )
     files = robot_files(load_robot_description(work.robot))
-    table = out / work.table
     with sole_writer(table):
-        kept = _read_table(table, folder, work.row)
+        kept = _read_table(table, work.folder, work.row)
         finished = {
             path: FileResult(path, tuple(map(work.again, kept[path].clips)))
             for path, place in work.places.items()
@@ -145,11 +145,11 @@ def work_through(
         with closing(results):
             for result in results:
                 finished[result.source] = result
-                _write_table(table, folder, work.row, finished)
+                _write_table(work, finished)
                 if progress is not None:
                     progress(len(finished), len(work.places), result)
-        _write_table(table, folder, work.row, finished)
-        _write_page(work, folder, page_of(table), finished)
+        _write_table(work, finished)
+        _write_page(work, finished)
     return [finished[path] for path in work.places]
 
 
@@ -158,12 +158,11 @@ def page_of(table: Path) -> Path:
     return table.with_suffix(".html")
 
 
-def _write_page(
-    work: FolderWork, folder: Path, page: Path, files: Mapping[Path, FileResult]
-) -> None:
+def _write_page(work: FolderWork, files: Mapping[Path, FileResult]) -> None:
+    page = page_of(work.table)
     write_folder_page(
         page,
-        f"{folder.absolute().name}: {page.stem}",
+        f"{work.folder.absolute().name}: {page.stem}",
         f"Robot {work.robot}. A click on a heading sorts by it; crar-drake show "
         "makes a page of two motions.",
         work.figures,
@@ -220,20 +219,18 @@ def _columns(row: type) -> dict[str, Callable[[str], Any]]:
     }
 
 
-def _write_table(
-    table: Path, folder: Path, row: type, files: Mapping[Path, FileResult]
-) -> None:
-    names = list(_columns(row))
+def _write_table(work: FolderWork, files: Mapping[Path, FileResult]) -> None:
+    names = list(_columns(work.row))
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([*_FIRST_COLUMNS, *names])
     for path in sorted(files):
-        name, result = path.relative_to(folder), files[path]
+        name, result = path.relative_to(work.folder), files[path]
         if result.error:
             writer.writerow([name, "", result.error, *("" for _ in names)])
         for clip in result.clips:
             writer.writerow([name, clip.clip, "", *(getattr(clip, n) for n in names)])
-    with whole_file(table) as temporary:
+    with whole_file(work.table) as temporary:
         temporary.write_text(stream.getvalue(), "utf-8", _ANY_NAME)
 
 

@@ -1,9 +1,7 @@
-"""Many files of people's motions, retargeted in parallel."""
+"""A folder of people's motions in, reference motions out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from functools import partial
 from math import degrees
@@ -15,14 +13,11 @@ from crar_drake.motion.catalogue import MOTION_SUFFIXES
 from crar_drake.motion.robots_own import holds_reference
 from crar_drake.references.certificate_files import SUFFIX
 from crar_drake.references.clean_folder import LEFT
-from crar_drake.references.each_file import FileResult
 from crar_drake.references.folder_page import Figure
 from crar_drake.references.folders import (
     RETARGETED_TABLE,
     FolderWork,
-    apart,
     is_table,
-    work_through,
 )
 from crar_drake.references.layouts import layout_named
 from crar_drake.references.retarget_file import (
@@ -74,50 +69,35 @@ def find_people(folder: Path) -> list[Path]:
     return found
 
 
-def retarget_folder(
-    folder: Path,
-    out: Path,
-    robot: str,
-    *,
-    jobs: int | None = None,
-    executor: Executor | None = None,
-    progress: Callable[[int, int, FileResult], None] | None = None,
-    **options: Any,
-) -> list[FileResult]:
-    """Retargets each file of a folder into the same place below `out`.
-
-    `out`/retargeted.csv has a `RetargetedClip` for each; retargeted.html shows them.
+def retargeting(folder: Path, out: Path, robot: str, **options: Any) -> FolderWork:
+    """Each file of a folder retargeted into the same place below `out`, with
+    retargeted.csv, which has a `RetargetedClip` for each.
 
     Args:
         folder: with people's motions in it or below; of an AMC with its ASF beside it.
         out: another folder.
         robot: as of `retarget_file`.
-        jobs, executor, progress: as of `work_through`.
         options: of all files, see `RetargetOptions`; the layout is LAYOUT by default.
 
     Raises:
         MotionError: there is no such layout.
-        ModelError, CrarError: as `find_people` and `work_through`.
+        CrarError: as `find_people`.
     """
     given = RetargetOptions(**options)
     given = replace(given, layout=given.layout or LAYOUT)
     suffix = layout_named(given.layout).suffix
-    work = FolderWork(
-        table=RETARGETED_TABLE,
+    return FolderWork(
+        folder=folder,
+        table=out / RETARGETED_TABLE,
         row=RetargetedClip,
-        places=apart(
-            {
-                path: (out / path.relative_to(folder)).with_suffix(suffix)
-                for path in find_people(folder)
-            }
-        ),
+        places={
+            path: (out / path.relative_to(folder)).with_suffix(suffix)
+            for path in find_people(folder)
+        },
         begin=partial(FileRetargeter, robot, given),
         figures=FIGURES,
         note=lambda row: row.deepest or row.faults or f"farthest off: {row.farthest}",
         robot=robot,
         parameters=asdict(CLEANING),
         options=given.certified,
-    )
-    return work_through(
-        work, folder, out, jobs=jobs, executor=executor, progress=progress
     )

@@ -1,7 +1,4 @@
-"""The recorded page of a run, or of several side by side, made from their logs.
-
-`record_log` and `compare_logs` make it without simulating again.
-"""
+"""The recorded page of a run, or of several side by side, made from their logs."""
 
 import os
 from collections.abc import Sequence
@@ -33,10 +30,12 @@ _MODES = {
 }
 
 
-def record_log(
-    log: SimulationLog,
+def record_logs(
+    logs: Sequence[SimulationLog],
     path: str | os.PathLike[str],
     *,
+    labels: Sequence[str] = ("",),
+    overlay: bool = False,
     frames_per_second: float = 32.0,
     meshcat: Meshcat | None = None,
     robot: str = "",
@@ -44,67 +43,69 @@ def record_log(
     description: RobotDescription | None = None,
     note: str = "",
 ) -> list[str]:
-    """Writes the page of a run from its log, without simulating again.
+    """Writes the page of a run from its log, or one of several with one time line,
+    without simulating again.
 
     Args:
-        log: from `SimulationLog.load`, or of a run just made.
+        logs: from `SimulationLog.load`, or of a run just made; at most as many as
+            `marks.RUNS`.
         path: of the .html file; appears whole or not at all.
-        frames_per_second: of the recording; the log is interpolated to them.
+        labels: what to call each of several runs, see `distinct_labels`.
+        overlay: whether the robots are laid over each other when the page opens; else
+            they are side by side. The page has a button for it.
+        frames_per_second: of the recording; the logs are interpolated to them.
         meshcat: to draw into; by default one of its own.
-        robot: where the robot is now, or its name; by default what the log says.
-        scenario: of the log, if it is at hand; by default the log's text is parsed.
+        robot: where the robot is now, or its name; by default what the logs say.
+        scenario: of the only log, if it is at hand; by default the log's text is
+            parsed.
         description: of the robot, if it is at hand; by default it is loaded.
+        note: what else the page says below its title.
 
     Returns:
         The models whose collision shapes were drawn, for want of anything else.
 
     Raises:
-        CrarError: the log is empty, does not fit its robot any more, or
-            `frames_per_second` is not positive.
+        CrarError: there are too many logs, one is empty or does not fit its robot any
+            more, or `frames_per_second` is not positive.
         ModelError, ScenarioError: its robot or its scenario is not there any more.
         WriteError: the file cannot be written.
     """
-    scenario = scenario or load_logged_scenario(log)
-    description = description or load_logged_robot(log, robot, scenario)
-    runs = [(log, scenario, description)]
-    return _write_page(runs, [""], path, frames_per_second, meshcat, False, note)
-
-
-def compare_logs(
-    logs: Sequence[SimulationLog],
-    path: str | os.PathLike[str],
-    *,
-    labels: Sequence[str],
-    overlay: bool = False,
-    frames_per_second: float = 32.0,
-    meshcat: Meshcat | None = None,
-    robot: str = "",
-) -> list[str]:
-    """Writes one page of several runs, with one time line.
-
-    Args:
-        logs: of the runs, at least two and at most as many as `marks.RUNS`.
-        path, frames_per_second, meshcat, robot: as of `record_log`.
-        labels: what to call each run, see `distinct_labels`.
-        overlay: whether the robots are laid over each other when the page opens; else
-            they are side by side. The page has a button for it.
-
-    Returns:
-        As `record_log`.
-
-    Raises:
-        CrarError: there are too few or too many logs, or as `record_log`.
-        ModelError, ScenarioError, WriteError: as `record_log`.
-    """
-    if not 2 <= len(logs) <= len(marks.RUNS):
+    if not 1 <= len(logs) <= len(marks.RUNS):
         raise CrarError(
-            f"{len(logs)} runs cannot be compared: name 2 to {len(marks.RUNS)} logs"
+            f"{len(logs)} runs cannot be compared: name up to {len(marks.RUNS)} logs"
         )
-    runs = []
-    for log in logs:
-        scenario = load_logged_scenario(log)
-        runs.append((log, scenario, load_logged_robot(log, robot, scenario)))
-    return _write_page(runs, labels, path, frames_per_second, meshcat, overlay)
+    meshcat = empty_scene(meshcat)
+    robots: list[DrawnRobot] = []
+    shown: list[ShownRun] = []
+    summaries: list[Summary] = []
+    for log, label in zip(logs, labels, strict=True):
+        if not len(log.time):
+            raise CrarError("the log is empty: there is nothing to play back")
+        of = scenario or load_logged_scenario(log)
+        drawn = description or load_logged_robot(log, robot, of)
+        spheres = tuple(log.obstacles[0].reshape(-1, 4)[:, 3].tolist())
+        known = [(each.description, each.spheres) for each in robots]
+        if (drawn, spheres) not in known:
+            colour = of.visualization.default_illustration_color
+            place = robot_prefix(len(robots))
+            robots.append(DrawnRobot(drawn, meshcat, place, colour, spheres))
+            known.append((drawn, spheres))
+        number = known.index((drawn, spheres))
+        own = robots[number]
+        recorded = record_run(log, own, of, frames_per_second)
+        found = judge_obstacles(log, of, own.plant, own.scene_graph, drawn.pairs)
+        summaries.append(summarize(log, scenario=of, obstacles=found))
+        shown.append(ShownRun(recorded, number, label, _figures(summaries[-1])))
+    write_page(
+        path,
+        meshcat,
+        robots,
+        shown,
+        title=_title(summaries),
+        subtitle=" · ".join(filter(None, (_subtitle(summaries), note))),
+        overlay=overlay,
+    )
+    return sorted({name for each in robots for name in each.unseen})
 
 
 def distinct_labels(logs: Sequence[SimulationLog], names: Sequence[str]) -> list[str]:
@@ -138,50 +139,6 @@ def distinct_labels(logs: Sequence[SimulationLog], names: Sequence[str]) -> list
         f"{label} {i + 1}" if named.count(label) > 1 else label
         for i, label in enumerate(named)
     ]
-
-
-def _write_page(
-    runs: Sequence[tuple[SimulationLog, Scenario, RobotDescription]],
-    labels: Sequence[str],
-    path: str | os.PathLike[str],
-    frames_per_second: float,
-    meshcat: Meshcat | None,
-    overlay: bool,
-    note: str = "",
-) -> list[str]:
-    """Draws each robot once, and lets the page show all runs of it."""
-    meshcat = empty_scene(meshcat)
-    robots: list[DrawnRobot] = []
-    shown: list[ShownRun] = []
-    summaries: list[Summary] = []
-    for (log, scenario, description), label in zip(runs, labels, strict=True):
-        if not len(log.time):
-            raise CrarError("the log is empty: there is nothing to play back")
-        spheres = tuple(log.obstacles[0].reshape(-1, 4)[:, 3].tolist())
-        known = [(drawn.description, drawn.spheres) for drawn in robots]
-        if (description, spheres) not in known:
-            colour = scenario.visualization.default_illustration_color
-            place = robot_prefix(len(robots))
-            robots.append(DrawnRobot(description, meshcat, place, colour, spheres))
-            known.append((description, spheres))
-        number = known.index((description, spheres))
-        robot = robots[number]
-        recorded = record_run(log, robot, scenario, frames_per_second)
-        found = judge_obstacles(
-            log, scenario, robot.plant, robot.scene_graph, description.pairs
-        )
-        summaries.append(summarize(log, scenario=scenario, obstacles=found))
-        shown.append(ShownRun(recorded, number, label, _figures(summaries[-1])))
-    write_page(
-        path,
-        meshcat,
-        robots,
-        shown,
-        title=_title(summaries),
-        subtitle=" · ".join(filter(None, (_subtitle(summaries), note))),
-        overlay=overlay,
-    )
-    return sorted({name for robot in robots for name in robot.unseen})
 
 
 def _title(summaries: Sequence[Summary]) -> str:

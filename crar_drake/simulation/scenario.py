@@ -342,7 +342,6 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         defaults=Scenario(),
         of_others=settings_of_others(),
         kinds={"controller": ("constraints", CONSTRAINTS)},
-        moved=_MOVED,
     )
     try:
         scenario.validate()
@@ -351,23 +350,12 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     return scenario
 
 
-_CONSTANT = "it is a constant of the law; leave it out"
-# Keys of the controller that there were.
-_MOVED = {
-    ("controller", "lookahead"): "its keys are those of controller itself; see "
-    "docs/guides/your-diagram.md",
-    ("controller", "respect_effort_limits"): "write effort_limits",
-    ("controller", "nominal_posture_gain"): "write posture_gain",
-    ("controller", "distances"): _CONSTANT,
-}
-
-
 # Drake's configuration and a setting that only some versions have, with what the others
 # do instead. A scenario in a log has every setting of the Drake that wrote it.
 _SETTINGS_OF_SOME = {
-    # 1.51, no longer 1.58
+    # 1.51
     ("simulator_config", "publish_every_time_step"): (SimulatorConfig, False),
-    # 1.58, not yet 1.51
+    # 1.58
     ("visualization", "mouse_interaction_stiffness"): (VisualizationConfig, 100.0),
 }
 

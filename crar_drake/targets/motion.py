@@ -11,7 +11,7 @@ from pydrake.trajectories import BsplineTrajectory
 from crar_drake.errors import ScenarioError
 from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.conditioning import spline
-from crar_drake.motion.hand_orientations import HANDS, hand_orientations
+from crar_drake.motion.hand_orientations import HANDS, smooth_hands
 from crar_drake.motion.joint_centres import JOINT_CENTRES, joint_centres
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
@@ -201,7 +201,7 @@ def _task_ways(
     """The way of each task, by its name."""
     quaternions = {}
     if any(task.frame in HANDS for task in model.tasks):
-        quaternions = hand_orientations(performer).smooth(cutoff)
+        quaternions = smooth_hands(performer, cutoff)
 
     def way(frame: str) -> PointTrajectory | CarriedTrajectory:
         if frame == HEAD:

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import low_pass, unit_vectors
-from crar_drake.motion.hand_orientations import hand_orientations
+from crar_drake.motion.hand_orientations import smooth_hands
 from crar_drake.motion.held_feet import find_contacts_of_feet, hold_foot
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
@@ -187,6 +187,4 @@ def _ways(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
 
 
 def _hands(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
-    if not performer.hands:
-        return {}
-    return hand_orientations(performer).smooth(cutoff)
+    return smooth_hands(performer, cutoff) if performer.hands else {}

@@ -169,8 +169,7 @@ def test_impossible_places_are_refused_before_the_work(
         importlib.import_module(f"crar_drake.{module}")
     for name in (
         "crar_drake.run.run_scenario",
-        "crar_drake.results.playback.record_log",
-        "crar_drake.results.playback.compare_logs",
+        "crar_drake.results.playback.record_logs",
         "crar_drake.motion.report.inspect",
     ):
         if name.endswith("run_scenario") and command.startswith("run "):

@@ -78,7 +78,7 @@ def names(folder: Path) -> list[str]:
 
 def test_it_is_kept_unasked(folder, monkeypatch, capsys):
     monkeypatch.setattr(
-        "crar_drake.results.playback.record_log", lambda log, path, **_: path.touch()
+        "crar_drake.results.playback.record_logs", lambda logs, path, **_: path.touch()
     )
     assert play("--duration", "0.02") == 0
     assert names(folder / KEPT) == FILES
@@ -125,7 +125,7 @@ def test_a_defect_loses_nothing(folder, monkeypatch):
 
     monkeypatch.setattr(LiveSimulation, "step", step)
     monkeypatch.setattr(
-        "crar_drake.results.playback.record_log", lambda log, path, **_: path.touch()
+        "crar_drake.results.playback.record_logs", lambda logs, path, **_: path.touch()
     )
     with pytest.raises(ZeroDivisionError):
         play()
@@ -157,8 +157,8 @@ def test_ctrl_c_twice_keeps_the_log(folder, monkeypatch, capsys, where):
     monkeypatch.setattr(LiveSimulation, "logged_scenario", logged_scenario)
     made = []
     monkeypatch.setattr(
-        "crar_drake.results.playback.record_log",
-        lambda log, path, **_: (path.touch(), made.append(path)),
+        "crar_drake.results.playback.record_logs",
+        lambda logs, path, **_: (path.touch(), made.append(path)),
     )
     status = play("--save", "kept")
     log = SimulationLog.load(folder / "kept" / "log.npz")

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.motion.catalogue import load_clip, load_performer
 from crar_drake.motion.formats.asf_amc import Clip
-from crar_drake.motion.hand_orientations import HANDS, hand_orientations
+from crar_drake.motion.hand_orientations import HANDS, hand_orientations, smooth_hands
 from crar_drake.motion.performers.asf_amc import asf_amc_performer, robot_frame
 
 SIDES = {"left_hand": "l", "right_hand": "r"}
@@ -43,7 +43,7 @@ def test_they_are_those_of_the_bone_chain(motion, hand, request):
     if motion.startswith("cmu"):
         request.getfixturevalue("cmu")
     clip = load_clip(motion)
-    R_WH = hand_orientations(asf_amc_performer(clip)).rotations[hand]
+    R_WH = hand_orientations(asf_amc_performer(clip))[hand]
     bone = SIDES[hand] + "wrist"
     R = chained(clip, bone)
     x = clip.skeleton.bones[bone].direction
@@ -62,7 +62,7 @@ def test_at_rest_palms_face_down():
         root_rotation=np.zeros((clip.num_frames, 3)),
         joints={bone: 0.0 * values for bone, values in clip.joints.items()},
     )
-    rotations = hand_orientations(asf_amc_performer(still)).rotations
+    rotations = hand_orientations(asf_amc_performer(still))
     x, y, z = np.eye(3)
     left, right = rotations["left_hand"][0], rotations["right_hand"][0]
     np.testing.assert_allclose(left, np.stack([y, z, x], axis=1), atol=1e-9)
@@ -86,12 +86,12 @@ def turning(rate: float, num_frames: int) -> Rotation:
 
 
 def test_the_low_pass_keeps_a_slow_turn_and_takes_the_noise():
-    hands = hand_orientations(load_performer("dance"))
+    dancer = load_performer("dance")
     turn = turning(0.02, 1000)  # three turns
     noise = np.random.default_rng(1).normal(size=(1000, 3), scale=0.02)
     shaken = Rotation.from_rotvec(noise) * turn
-    hands = dataclasses.replace(hands, rotations={"left_hand": shaken.as_matrix()})
-    quaternions = hands.smooth(cutoff=3.0)["left_hand"]
+    dancer = dataclasses.replace(dancer, hands={"left_hand": shaken.as_matrix()})
+    quaternions = smooth_hands(dancer, cutoff=3.0)["left_hand"]
     assert (np.sum(quaternions[1:] * quaternions[:-1], axis=1) > 0.9).all()
     np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1.0)
     error = (Rotation.from_quat(quaternions) * turn.inv()).magnitude()[60:-60]
@@ -100,20 +100,20 @@ def test_the_low_pass_keeps_a_slow_turn_and_takes_the_noise():
 
 
 def test_refused_filters():
-    hands = hand_orientations(load_performer("dance"))
+    dancer = load_performer("dance")
     with pytest.raises(MotionError, match="motion dance.*cutoff"):
-        hands.smooth(cutoff=1e3)
+        smooth_hands(dancer, cutoff=1e3)
     # Almost half a turn in every sample leaves no mean.
     spin = turning(3.1, 200).as_matrix()
     with pytest.raises(MotionError, match="left_hand turns so fast"):
-        dataclasses.replace(hands, rotations={"left_hand": spin}).smooth(1.0)
+        smooth_hands(dataclasses.replace(dancer, hands={"left_hand": spin}), 1.0)
 
 
 @pytest.mark.parametrize("hand", HANDS)
 def test_thumb_sides_are_those_of_the_markers(cmu, hand):
     """Markers WRA and WRB sit at the thumb's and the other side of the wrist."""
     folder = cmu / "subjects" / "135"
-    R_WH = hand_orientations(load_performer("cmu:135_02")).rotations[hand]
+    R_WH = hand_orientations(load_performer("cmu:135_02"))[hand]
     c3d = ezc3d.c3d(str(folder / "135_02.c3d"))
     labels = [
         label.rpartition(":")[2]

@@ -94,7 +94,7 @@ def test_centres_are_those_of_the_regressions(tmp_path) -> None:
     assert p["left_elbow"][1] == pytest.approx(0.22 - 0.041, abs=0.003)
     np.testing.assert_allclose(performer.heading, 0.0, atol=1e-9)
     # Thumbs up, palms facing each other would be z; here the thumb's side is inwards.
-    R_WH = hand_orientations(performer).rotations["left_hand"][0]
+    R_WH = hand_orientations(performer)["left_hand"][0]
     np.testing.assert_allclose(R_WH[:, 0], [1.0, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(R_WH[:, 2], [0.0, -1.0, 0.0], atol=1e-9)
     assert performer.frame_rate == RATE and performer.up == "+z"

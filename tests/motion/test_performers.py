@@ -91,8 +91,8 @@ def test_joint_centres_are_those_of_the_amc(clip, plain) -> None:
         )
     np.testing.assert_allclose(plain.heading, truth.heading, atol=1e-8)
     ours, theirs = hand_orientations(plain), hand_orientations(truth)
-    for hand, R_WH in theirs.rotations.items():
-        np.testing.assert_allclose(ours.rotations[hand], R_WH, atol=1e-7)
+    for hand, R_WH in theirs.items():
+        np.testing.assert_allclose(ours[hand], R_WH, atol=1e-7)
 
 
 def test_what_was_inferred_is_said(plain) -> None:

@@ -19,8 +19,8 @@ from crar_drake.references.clean_file import (
     FileOptions,
     clean_file,
 )
-from crar_drake.references.clean_folder import clean_folder
-from crar_drake.references.folders import _read_table, apart
+from crar_drake.references.clean_folder import cleaning
+from crar_drake.references.folders import _read_table, apart, work_through
 from crar_drake.references.motion_certificate import check_certificate
 from crar_drake.references.motion_files import read_motions, write_motions
 from crar_drake.references.whole_body import WholeBody
@@ -391,7 +391,7 @@ def test_a_folder_is_cleaned_once_and_bad_files_are_told(cleaned, tmp_path):
     (references / "deep" / "reach.csv").write_bytes(reference.read_bytes())
     (references / "bad.csv").write_text("1,2,3\n")
     for calls in (2, 3):  # the second time only what failed is tried again
-        files = clean_folder(references, out, str(folder), executor=Here())
+        files = work_through(cleaning(references, out, str(folder)), executor=Here())
         assert Here.calls == calls
         bad, good = files
         assert bad.error and not bad.clips and "bad.csv" in bad.error
@@ -401,7 +401,7 @@ def test_a_folder_is_cleaned_once_and_bad_files_are_told(cleaned, tmp_path):
     assert len(lines) == 3
     for place in (references, references / "clean"):
         with pytest.raises(CrarError, match="own folder"):
-            clean_folder(references, place, str(folder))
+            work_through(cleaning(references, place, str(folder)))
 
 
 def test_what_is_done_was_done_with_the_same_options(cleaned, tmp_path):
@@ -412,8 +412,9 @@ def test_what_is_done_was_done_with_the_same_options(cleaned, tmp_path):
     for rate, layout in ((30.0, None), (60.0, None), (60.0, "wxyz-csv")):
         for calls in (1, 0):
             before = Here.calls
-            files = clean_folder(
-                references, out, str(folder), rate=rate, layout=layout, executor=Here()
+            files = work_through(
+                cleaning(references, out, str(folder), rate=rate, layout=layout),
+                executor=Here(),
             )
             assert Here.calls - before == calls
             assert files[0].clips[0].rate == rate
@@ -425,7 +426,7 @@ def test_a_damaged_table_costs_no_more_than_its_files(cleaned, tmp_path):
     references, out = tmp_path / "references", tmp_path / "out"
     references.mkdir()
     (references / "reach.csv").write_bytes(reference.read_bytes())
-    clean_folder(references, out, str(folder), executor=Here())
+    work_through(cleaning(references, out, str(folder)), executor=Here())
     table = out / "cleaned.csv"
     whole = table.read_bytes()
     cuts = [whole[:k] for k in range(0, len(whole), 41)]
@@ -435,7 +436,7 @@ def test_a_damaged_table_costs_no_more_than_its_files(cleaned, tmp_path):
         kept = _read_table(table, references, CleanedClip)
         assert set(kept) <= {references / "reach.csv"}
     table.write_bytes(whole[:-20])
-    (file,) = clean_folder(references, out, str(folder), executor=Here())
+    (file,) = work_through(cleaning(references, out, str(folder)), executor=Here())
     assert not file.error and len(file.clips) == 1
     assert table.read_bytes()[:200] == whole[:200]
 
@@ -451,7 +452,9 @@ def test_any_error_is_of_its_file(cleaned, tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied", str(reference))
 
     monkeypatch.setattr(FileCleaner, "__call__", fail)
-    files = clean_folder(references, tmp_path / "out", str(folder), executor=Here())
+    files = work_through(
+        cleaning(references, tmp_path / "out", str(folder)), executor=Here()
+    )
     assert ["PermissionError" in file.error for file in files] == [True, True, True]
 
 

@@ -14,11 +14,11 @@ from crar_drake.commands import main
 from crar_drake.errors import CrarError, MotionError
 from crar_drake.motion.options import MotionOptions
 from crar_drake.references import each_file
-from crar_drake.references.folders import find_references
+from crar_drake.references.folders import find_references, work_through
 from crar_drake.references.retarget_file import retarget_file
 from crar_drake.references.retarget_folder import (
     find_people,
-    retarget_folder,
+    retargeting,
 )
 
 RATE = 15.0
@@ -66,9 +66,9 @@ def rows_of(out):
 def retarget(places, out, **options):
     robot, people = places
     pool = Here()
-    files = retarget_folder(
-        people, out, str(robot), **({"rate": RATE} | options), executor=pool
-    )
+    jobs = options.pop("jobs", None)
+    work = retargeting(people, out, str(robot), **({"rate": RATE} | options))
+    files = work_through(work, jobs=jobs, executor=pool)
     return files, sorted(pool.files)
 
 
@@ -136,9 +136,8 @@ def test_two_files_of_one_name_are_both_worked_on(places, tmp_path):
     people = tmp_path / "people"
     short_amc(people, "one")
     (people / "one.bvh").write_text("HIERARCHY\n")
-    files = retarget_folder(
-        people, tmp_path / "out", str(places[0]), rate=RATE, executor=Here()
-    )
+    work = retargeting(people, tmp_path / "out", str(places[0]), rate=RATE)
+    files = work_through(work, executor=Here())
     assert not files[0].error and files[1].error.startswith(str(people / "one.bvh"))
 
 

@@ -13,7 +13,7 @@ from crar_drake.resources import data_folder
 from crar_drake.results import logged_robot
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_robot
-from crar_drake.results.playback import record_log
+from crar_drake.results.playback import record_logs
 from crar_drake.results.summary import summarize
 from crar_drake.robot import description as robot_description
 from crar_drake.run import run_scenario
@@ -158,7 +158,9 @@ def test_a_run_does_not_parse_its_own_scenario(project, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(logged_robot, "parse_scenario", fail)
         result = run_scenario(scenario, "it", record=False)
-        record_log(result.log, "page.html", frames_per_second=64.0, scenario=scenario)
+        record_logs(
+            [result.log], "page.html", frames_per_second=64.0, scenario=scenario
+        )
         with pytest.raises(AssertionError, match="at hand"):
             summarize(result.log)
     assert scenario.to_yaml() == before

@@ -14,7 +14,7 @@ from crar_drake import ScenarioError
 from crar_drake.judging.obstacle_judge import ObstacleJudge
 from crar_drake.law.parameters import with_constraints
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.playback import record_log
+from crar_drake.results.playback import record_logs
 from crar_drake.run import run_scenario
 from crar_drake.simulation.moving_obstacles import MovingObstacle, ObstacleSource, Place
 from crar_drake.simulation.scenario import Scenario, load_scenario, parse_scenario
@@ -155,7 +155,7 @@ def test_a_run_judges_them_and_shows_them(among, tmp_path):
     np.testing.assert_allclose(person[0, 0], [1.4, 0.1, 0.9, 0.2])
     np.testing.assert_allclose(person[-1, 0], [0.15, 0.1, 0.9, 0.2])
     page = tmp_path / "page.html"
-    record_log(log, page, frames_per_second=8.0)
+    record_logs([log], page, frames_per_second=8.0)
     data = read_data(page)
     assert data["robots"][0]["spheres"] == 1
     assert data["robots"][0]["paths"][-1] == "/crar/robot0/obstacle 0"

@@ -73,8 +73,11 @@ def test_round_trip(name):
 REFUSED = [
     (VALID + "controller: {constraint: paper}", ["did you mean 'constraints'"]),
     (VALID + "controller: {balance: {frictoin: 1}}", ["'friction'"]),
-    (VALID + "controller: {lookahead: {horizon: 1}}", ["keys are those of controller"]),
-    (VALID + "controller: {respect_effort_limits: true}", ["write effort_limits"]),
+    (VALID + "controller: {lookahead: {horizon: 1}}", ["unknown key 'lookahead'"]),
+    (
+        VALID + "controller: {respect_effort_limits: true}",
+        ["'effort_limits'"],
+    ),
     (VALID + "controller: {Kp: 100}", ["controller.Kp", "constraints: paper"]),
     (VALID + "controller: {constraints: qp}", ["none, paper, lookahead"]),
     (VALID + "simulated_robot: {contacts: true}", ["did you mean 'contact'"]),

@@ -136,7 +136,7 @@ def test_hands_are_turned_as_the_performers(with_hands):
     scenario = Scenario(motion="dance", tasks=HAND_TASKS)
     motion = load_desired_motion(scenario, with_hands)
     performer = load_performer("dance")
-    R_WH = hand_orientations(performer).rotations["left_hand"]
+    R_WH = hand_orientations(performer)["left_hand"]
     wrist = load_motion_targets("dance", trunk(position_tasks(["left_wrist"])))
     source = motion.MakeTaskSource()
     context = source.CreateDefaultContext()

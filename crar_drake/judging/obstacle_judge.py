@@ -78,15 +78,26 @@ class Surface:
 
 
 @dataclass(frozen=True)
-class Contacts:
-    """What an obstacle did in T samples."""
+class ObstacleFigures:
+    """What one obstacle did."""
 
-    smallest_distance: float  # of a link [m]
-    link: str  # that link
-    index: int  # the sample's
-    touching: int  # samples in which it touches a link
-    violations: int  # those in which that link is faster there than is harmless
-    fastest: float  # of a link where it was touched [m/s]; 0 if none was
+    smallest_distance: float  # of a watched link [m]
+    link: str  # that one
+    time: float  # when [s]
+    contact_samples: int  # in which it touches a link
+    fast_contacts: int  # those in which that link is faster there than `contact_speed`
+    fastest_contact: float  # the largest speed of a link where it was touched [m/s]
+
+    def in_words(self) -> str:
+        """Where it was nearest, and how fast links were that it touched."""
+        text = f"{self.link}, at {self.time:.2f} s"
+        if self.contact_samples:
+            several = "s" if self.contact_samples > 1 else ""
+            text += (
+                f"; touches in {self.contact_samples} sample{several} a link that "
+                f"moves at up to {1e3 * self.fastest_contact:.0f} mm/s"
+            )
+        return text
 
 
 class ObstacleJudge:
@@ -138,11 +149,17 @@ class ObstacleJudge:
         )
 
     def judge(
-        self, q: np.ndarray, v: np.ndarray, spheres: np.ndarray, harmless: float
-    ) -> list[Contacts]:
+        self,
+        time: np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray,
+        spheres: np.ndarray,
+        harmless: float,
+    ) -> list[ObstacleFigures]:
         """Judges a trajectory, by sphere.
 
         Args:
+            time: (T,) of the samples [s].
             q, v: (T, nq), (T, nv) the states.
             spheres: (T, N, 4) centre and radius of each [m].
             harmless: the speed that is [m/s].
@@ -170,9 +187,9 @@ class ObstacleJudge:
             touching += touched
             violations += harmed
         return [
-            Contacts(*found)
+            ObstacleFigures(*found)
             for found in zip(
-                *(low.tolist(), link, at.tolist(), touching.tolist()),
+                *(low.tolist(), link, time[at].tolist(), touching.tolist()),
                 *(violations.tolist(), fastest.tolist()),
                 strict=True,
             )

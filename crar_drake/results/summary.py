@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from crar_drake.judging.obstacle_judge import ObstacleFigures
 from crar_drake.law.records import STATUS_BRAKING, STATUS_IMPLAUSIBLE
 from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED
 from crar_drake.law.tasks import TaskLayout
@@ -21,7 +22,6 @@ from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.limb_directions import LimbDirection
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
-from crar_drake.results.obstacles import ObstacleFigures
 from crar_drake.results.remarks import remarks
 from crar_drake.results.standing_run import Stance
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE

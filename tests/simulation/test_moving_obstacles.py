@@ -121,16 +121,17 @@ def test_the_judge_knows_distance_and_speed_of_a_ball_on_a_string():
     np.testing.assert_allclose(d[0], [0.8, -0.05, -0.05], atol=1e-12)
     np.testing.assert_allclose(speed[0], [2.2, 2.2, 1.8], atol=1e-12)
     spheres = np.array([[[0.0, y, 0.0, 0.1]] for y in (1.3, 1.15, 2.0)])
-    states = np.tile(q, (3, 1)), np.array([v, v, v])
+    times, states = np.arange(3.0), (np.tile(q, (3, 1)), np.array([v, v, v]))
     for harmless, violations in ((2.3, 0), (2.1, 1)):
-        (found,) = judge.judge(*states, spheres, harmless)
-        assert (found.touching, found.violations) == (1, violations)
-        assert (found.link, found.index) == ("arm", 1)
-        assert found.fastest == pytest.approx(2.2)
+        (found,) = judge.judge(times, *states, spheres, harmless)
+        assert (found.contact_samples, found.fast_contacts) == (1, violations)
+        assert (found.link, found.time) == ("arm", 1.0)
+        assert found.fastest_contact == pytest.approx(2.2)
         assert found.smallest_distance == pytest.approx(-0.05)
     # A ball at rest may be touched.
-    (found,) = judge.judge(states[0], 0.0 * states[1], spheres, 0.05)
-    assert (found.touching, found.violations, found.fastest) == (1, 0, 0.0)
+    (found,) = judge.judge(times, states[0], 0.0 * states[1], spheres, 0.05)
+    assert (found.contact_samples, found.fast_contacts) == (1, 0)
+    assert found.fastest_contact == 0.0
 
 
 @pytest.fixture(scope="module")

@@ -291,9 +291,6 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
     lines = [
         f"real meshes, triangles, {judged}: {verdict.num_penetrating} in penetration"
         + _nearest(verdict.nearest, times),
-        "real meshes, convex hulls, the same samples and pairs: "
-        f"{verdict.num_hulls_touching} in penetration"
-        + _nearest(verdict.hulls_nearest, times),
     ]
     for contact in verdict.penetrations[:_MOST_LINES]:
         lines.append(
@@ -303,16 +300,6 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
             f"{-1e3 * contact.mesh_distance:.1f} mm would part them"
         )
     lines += _more(verdict.penetrations, "whose meshes penetrate")
-    for contact in verdict.refuted[:_MOST_LINES]:
-        lines.append(
-            f"  {contact.pair[0]} - {contact.pair[1]}: only hulls penetrate, in "
-            f"{plural(contact.num_samples, 'sample')}; deepest at "
-            f"{times[contact.index]:.3f} s, hulls "
-            f"{1e3 * contact.hull_distance:.1f} mm, meshes "
-            f"{1e3 * contact.mesh_distance:.1f} mm: they overestimate by "
-            f"{1e3 * contact.overestimate:.1f} mm"
-        )
-    lines += _more(verdict.refuted, "of which only hulls penetrate")
     if verdict.left_out:
         lines.append(
             "left out, since their meshes meet both at zero and in the rest posture: "

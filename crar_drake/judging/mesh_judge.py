@@ -40,20 +40,14 @@ class Nearest:
 
 @dataclass
 class PairContact:
-    """A pair whose hulls or meshes meet in some samples of a trajectory."""
+    """A pair whose meshes penetrate in some samples of a trajectory."""
 
     pair: tuple[str, str]  # the two links
     num_samples: int = 0  # with contact
     index: int = 0  # the sample where it is deepest
-    hull_distance: float = np.inf  # of the hulls in that sample [m]
-    mesh_distance: float = np.inf  # of the meshes in that sample [m]
-    samples: list[int] = field(default_factory=list)  # where meshes penetrate
+    mesh_distance: float = np.inf  # in that sample [m]
+    samples: list[int] = field(default_factory=list)  # all of them
     depths: list[float] = field(default_factory=list)  # how deep in each of them [m]
-
-    @property
-    def overestimate(self) -> float:
-        """By how much the hulls are nearer than the meshes [m]."""
-        return self.mesh_distance - self.hull_distance
 
 
 @dataclass(frozen=True)
@@ -64,12 +58,7 @@ class MeshVerdict:
     num_pairs: int  # that were judged
     num_penetrating: int  # samples with a pair of meshes in penetration
     nearest: Nearest  # the smallest distance of meshes
-    num_hulls_touching: int  # samples with a pair of hulls in penetration
-    hulls_nearest: Nearest  # the smallest distance of hulls
     penetrations: list[PairContact]  # pairs whose meshes penetrate, the deepest first
-    # pairs whose hulls are in penetration where their meshes are apart, by samples in
-    # which that is so; those that overestimate most first
-    refuted: list[PairContact]
     # pairs whose meshes meet in the zero and in the rest posture: they do as they are
     # built
     left_out: list[tuple[str, str]]
@@ -146,13 +135,8 @@ class MeshJudge:
             num_pairs=len(tally.pairs),
             num_penetrating=tally.num_penetrating,
             nearest=tally.meshes,
-            num_hulls_touching=tally.num_hulls_touching,
-            hulls_nearest=tally.hulls,
             penetrations=sorted(
                 tally.penetrations.values(), key=lambda contact: contact.mesh_distance
-            ),
-            refuted=sorted(
-                tally.refuted.values(), key=lambda contact: -contact.overestimate
             ),
             left_out=self.left_out,
             open_links=self.open_links,
@@ -191,38 +175,28 @@ class MeshJudge:
     def _judge_sample(self, tally: _Tally, index: int, q: np.ndarray) -> None:
         poses = self._poses(q)
         self._hulls.place(poses)
-        # Hulls are never farther than meshes: what is beyond the nearest meshes so far
-        # is of no interest to either.
+        # What is beyond the nearest meshes so far is of no interest.
         beyond, near = max(tally.meshes.distance, 0.0), []
         for row in self._near_balls(poses, beyond):
             i, j = self._indices[row]
             motion = _Motion(poses[i], poses[j], self._meshes[j])
-            if tally.hulls_known.bound(row, motion) <= beyond:
+            known = tally.hulls_known, tally.meshes_known
+            if max(pairs.bound(row, motion) for pairs in known) <= beyond:
                 distance = self._hulls.distance(i, j)
                 tally.hulls_known.tell(row, motion, distance)
                 near.append((distance, row, motion))
         near.sort(key=lambda each: each[:2])
-        if near:
-            tally.hulls = tally.nearer(tally.hulls, *near[0][:2], index)
-            tally.num_hulls_touching += near[0][0] < 0.0
         penetrating = False
         for hull_distance, row, motion in near:
             if hull_distance > max(tally.meshes.distance, 0.0):
                 break
             i, j = self._indices[row]
-            deepest = tally.is_deepest(row, hull_distance)
-            bound = tally.meshes_known.bound(row, motion)
-            if not deepest and bound > max(tally.meshes.distance, 0.0):
-                tally.refute(row, index, hull_distance, None)
-                continue
             d = mesh_distance(self._meshes[i], self._meshes[j], motion.X_AB)
             tally.meshes_known.tell(row, motion, d)
             tally.meshes = tally.nearer(tally.meshes, d, row, index)
             if d < 0.0:
                 penetrating = True
-                tally.penetrate(row, index, hull_distance, d)
-            else:
-                tally.refute(row, index, hull_distance, d)
+                tally.penetrate(row, index, d)
         tally.num_penetrating += penetrating
 
     def _poses(self, q: np.ndarray) -> list[RigidTransform]:
@@ -323,11 +297,8 @@ class _Tally:
 
     pairs: list[tuple[str, str]]
     num_penetrating: int = 0
-    num_hulls_touching: int = 0
     meshes: Nearest = Nearest()
-    hulls: Nearest = Nearest()
     penetrations: dict[int, PairContact] = field(default_factory=dict)
-    refuted: dict[int, PairContact] = field(default_factory=dict)
     # Where pairs were measured last.
     hulls_known: _Known = field(default_factory=_Known)
     meshes_known: _Known = field(default_factory=_Known)
@@ -338,30 +309,10 @@ class _Tally:
             return Nearest(float(distance), self.pairs[row], index)
         return known
 
-    def is_deepest(self, row: int, hull_distance: float) -> bool:
-        """Whether hulls penetrate deeper than where they were refuted before."""
-        known = self.refuted.get(row)
-        return hull_distance < min(0.0, known.hull_distance if known else 0.0)
-
-    def refute(
-        self, row: int, index: int, hull_distance: float, mesh_distance: float | None
-    ) -> None:
-        """The meshes are apart, by a distance that may not have been asked for."""
-        if not hull_distance < 0.0:
-            return
-        contact = self.refuted.setdefault(row, PairContact(self.pairs[row]))
-        contact.num_samples += 1
-        if mesh_distance is not None and hull_distance < contact.hull_distance:
-            contact.index, contact.hull_distance = index, hull_distance
-            contact.mesh_distance = mesh_distance
-
-    def penetrate(
-        self, row: int, index: int, hull_distance: float, mesh_distance: float
-    ) -> None:
+    def penetrate(self, row: int, index: int, mesh_distance: float) -> None:
         contact = self.penetrations.setdefault(row, PairContact(self.pairs[row]))
         contact.num_samples += 1
         contact.samples.append(index)
         contact.depths.append(float(-mesh_distance))
         if mesh_distance < contact.mesh_distance:
-            contact.index, contact.hull_distance = index, hull_distance
-            contact.mesh_distance = mesh_distance
+            contact.index, contact.mesh_distance = index, mesh_distance

@@ -182,11 +182,7 @@ def verdict_data(verdict: ReferenceVerdict) -> dict:
             "judged_pairs": meshes.num_pairs,
             "penetrating_frames": list(verdict.penetrating_frames),
             "smallest_distance": _finite(meshes.nearest.distance),
-            "hulls_penetrating": meshes.num_hulls_touching,
             "pairs": [_pair_data(pair) for pair in verdict.mesh_pairs],
-            "only_hulls": [
-                {"pair": list(c.pair), "frames": c.num_samples} for c in meshes.refuted
-            ],
             "left_out": [list(pair) for pair in meshes.left_out],
         }
     if verdict.capsules is not None:
@@ -213,16 +209,6 @@ def _mesh_lines(verdict: ReferenceVerdict) -> Iterator[str]:
         )
     yield text
     yield from _pair_lines(verdict.mesh_pairs, rate)
-    yield (
-        f"  hulls: {_of(meshes.num_hulls_touching, len(verdict.mesh_frames))} in "
-        "penetration"
-    )
-    for contact in meshes.refuted[:_MOST]:
-        yield (
-            f"    {contact.pair[0]} - {contact.pair[1]}: only their hulls, in "
-            f"{plural(contact.num_samples, 'frame')}"
-        )
-    yield from _more(len(meshes.refuted))
     if meshes.left_out:
         pairs = ", ".join(f"{a} - {b}" for a, b in meshes.left_out)
         yield f"  left out, since their meshes meet at zero and at rest: {pairs}"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 
@@ -113,15 +113,21 @@ def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
     ]
 
 
+def with_looks(robot: SourceRobot, up_axis: str = "z") -> SourceRobot:
+    """The robot with the looks of its links; arguments and errors as `link_parts`."""
+    looks = {name: link_parts(link, up_axis) for name, link in robot.links.items()}
+    return replace(robot, looks=looks)
+
+
 def lowest_points(
-    robot: SourceRobot, parts: Looks, positions: Positions | None = None
+    robot: SourceRobot, positions: Positions | None = None
 ) -> dict[str, float]:
-    """How low each link that has a look reaches, joints being at zero or where
-    `positions` says [m]."""
-    X = robot.poses(positions)
+    """How low each link that has a look reaches [m], joints being where they are
+    locked, at zero or where `positions` says."""
+    X = robot.posed(positions)
     return {
         link: float(vertices_of(of_link, X[link])[:, 2].min())
-        for link, of_link in parts.items()
+        for link, of_link in robot.looks.items()
         if of_link
     }
 

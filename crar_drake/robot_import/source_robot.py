@@ -7,11 +7,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pydrake.geometry
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RotationMatrix
+
+if TYPE_CHECKING:
+    from crar_drake.robot_import.meshes import Looks
 
 WORLD = "world"  # the link that Drake takes for its own world
 MOVING = ("revolute", "continuous", "prismatic")  # joints of one axis
@@ -179,6 +183,10 @@ class SourceRobot:
     posture: dict[str, float] = field(default_factory=dict)
     # pairs of links that may touch by its SRDF
     allowed: frozenset[frozenset[str]] = frozenset()
+    # link to its real look, of those that have one; all are points until it is read
+    looks: Looks = field(default_factory=dict)
+    # joint to where it is welded [rad or m], once that is decided
+    locked: Positions = field(default_factory=dict)
 
     @cached_property
     def _parents(self) -> dict[str, Joint]:
@@ -196,6 +204,15 @@ class SourceRobot:
     def children(self, link: str) -> list[Joint]:
         """The joints that a link carries."""
         return [joint for joint in self.joints.values() if joint.parent == link]
+
+    @property
+    def controlled(self) -> list[Joint]:
+        """The joints that move and are not locked."""
+        return [j for j in self.joints.values() if j.moves and not self.is_weld(j)]
+
+    def is_weld(self, joint: Joint) -> bool:
+        """Whether a joint is fixed or locked."""
+        return joint.kind == "fixed" or joint.name in self.locked
 
     def is_bare(self, link: str) -> bool:
         """Whether a link has no geometry: a mere frame."""
@@ -223,6 +240,10 @@ class SourceRobot:
                 at = positions.get(joint.name, 0.0)
                 X[link] = X[joint.parent] @ joint.transform(at)
         return X
+
+    def posed(self, positions: Positions | None = None) -> Poses:
+        """As `poses`, with locked joints where they are welded."""
+        return self.poses({**self.locked, **(positions or {})})
 
     def below(self, link: str) -> Iterator[str]:
         """A link and everything that it carries, parents first."""

@@ -22,7 +22,7 @@ from crar_drake.robot_import.pair_sampling import (
     candidate_pairs,
     position_ranges,
 )
-from crar_drake.robot_import.source_robot import Positions, SourceRobot
+from crar_drake.robot_import.source_robot import SourceRobot
 from crar_drake.robot_import.watched_pairs import adjacent_pairs
 
 # What the excess is multiplied by, until it helps.
@@ -37,7 +37,6 @@ _AT_REST = 0.01  # [m] that meshes are apart which need not touch at rest
 def tighten(
     plant: MultibodyPlant,
     robot: SourceRobot,
-    locked: Positions,
     segments: Looks,
     rest: np.ndarray,
     fits: LinkFits,
@@ -51,7 +50,7 @@ def tighten(
     pairs = [
         pair
         for pair in candidate_pairs(plant, own, adjacent_pairs(robot, own))
-        if joints_between(robot, locked, *pair) > 1
+        if joints_between(robot, *pair) > 1
     ]
     if choices.pairs is not None:
         asked = {frozenset(pair) for pair in choices.pairs}

@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from crar_drake.files import whole_file
 from crar_drake.robot_import.capsule_fitting import Capsules, FittedCapsule
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.source_robot import WORLD, Inertia, Positions, SourceRobot
+from crar_drake.robot_import.source_robot import WORLD, Inertia, SourceRobot
 
 # Prescribed joint -> (type, axis, what of the motion drives it).
 BASE_JOINTS = {
@@ -43,7 +43,6 @@ def write_urdf(
     *,
     base: str,
     height: float = 0.0,
-    locked: Positions,
     frames: Mapping[str, FrameChoice],
     visuals: Mapping[str, Sequence[VisualMesh]],
     capsules: Capsules,
@@ -55,7 +54,6 @@ def write_urdf(
         base: one of `choices.BASES`: "prescribed", joints that the motion drives carry
             the root link; "floating", the file does not connect it with the world.
         height: of a fixed root link above the ground [m].
-        locked: where joints are welded.
         visuals, capsules, inertias: by link; links that are in none are bare.
 
     Returns:
@@ -88,13 +86,12 @@ def write_urdf(
         for index, capsule in enumerate(capsules.get(link, ())):
             _add_capsule(element, f"{link}_{index}", capsule)
     for joint in robot.joints.values():
-        welded = joint.kind == "fixed" or joint.name in locked
+        welded = robot.is_weld(joint)
         kind = "fixed" if welded else joint.kind
         element = ElementTree.SubElement(root, "joint", name=joint.name, type=kind)
         ElementTree.SubElement(element, "parent", link=joint.parent)
         ElementTree.SubElement(element, "child", link=joint.child)
-        position = locked.get(joint.name, 0.0) if welded else 0.0
-        _add_origin(element, joint.transform(position))
+        _add_origin(element, joint.transform(robot.locked.get(joint.name, 0.0)))
         if welded:
             continue
         ElementTree.SubElement(element, "axis", xyz=_text(joint.axis))

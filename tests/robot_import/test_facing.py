@@ -17,7 +17,7 @@ from crar_drake.robot_import.facing import (
     side_of_names,
     turned,
 )
-from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.meshes import with_looks
 from crar_drake.robot_import.robot_files import find_urdf
 from crar_drake.robot_import.source_urdf import read_urdf
 
@@ -51,9 +51,8 @@ def nameless(text: str) -> str:
 
 
 def guess(folder, text: str):
-    read = read_urdf(write(folder, text))
-    parts = {name: link_parts(each) for name, each in read.links.items()}
-    return read, guess_facing(read, parts)
+    read = with_looks(read_urdf(write(folder, text)))
+    return read, guess_facing(read)
 
 
 @pytest.mark.parametrize("facing", YAW)
@@ -167,4 +166,4 @@ def test_refused(tmp_path):
 )
 def test_real_robots(robot_data, name, facing):
     read = read_urdf(find_urdf(name)[0])
-    assert guess_facing(read, {}).facing == facing
+    assert guess_facing(read).facing == facing

@@ -30,7 +30,8 @@ from crar_drake.robot_import.link_bodies import (
     find_inertias,
 )
 from crar_drake.robot_import.link_fits import FitCache, LinkFits
-from crar_drake.robot_import.meshes import Part, guess_up_axis, with_looks
+from crar_drake.robot_import.meshes import Looks, guess_up_axis, with_looks
+from crar_drake.robot_import.picture import draw_robot
 from crar_drake.robot_import.rest_posture import (
     guess_rest_posture,
     rest_positions,
@@ -39,9 +40,9 @@ from crar_drake.robot_import.rest_posture import (
 from crar_drake.robot_import.robot_files import PACKAGE_SCHEME, find_urdf
 from crar_drake.robot_import.robot_folder import (
     DESCRIPTION,
+    PICTURE,
     REPORT,
     URDF,
-    draw_picture,
     remove_old_triangles,
     write_description,
     write_meshes,
@@ -179,7 +180,7 @@ def import_robot(
 def _make(
     folder: Path,
     robot: SourceRobot,
-    segments: dict[str, list[Part]],
+    segments: Looks,
     fits: LinkFits,
     report: ImportReport,
     progress: Progress,
@@ -258,7 +259,7 @@ def _make(
     description.validate()
     write_description(folder, description)
     progress("drawing", 1.0)
-    draw_picture(folder, plant, description, rest, drawn, report.capsules())
+    draw_robot(folder / PICTURE, plant, description, rest, drawn, report.capsules())
 
 
 def check_installed() -> None:

@@ -17,6 +17,7 @@ from pydrake.math import RigidTransform
 
 from crar_drake.errors import ModelError
 from crar_drake.files import write_whole
+from crar_drake.judging.mesh_distance import TriangleMesh, triangle_distance
 from crar_drake.robot.mesh_files import Y_UP, Z_UP, read_meshes
 from crar_drake.robot_import.source_robot import (
     Link,
@@ -68,33 +69,14 @@ class Surfaces:
 
     def __init__(self, segments: Looks) -> None:
         self._segments = segments
-        self._trees: dict = {}
+        self._meshes: dict[str, TriangleMesh] = {}
 
     def gap(self, X: Poses, a: str, b: str) -> float:
         """Distance of two links' nearest triangles; 0 where some intersect [m]."""
-        import fcl
-
-        placed = [
-            fcl.CollisionObject(
-                self._tree(name),
-                fcl.Transform(X[name].rotation().matrix(), X[name].translation()),
-            )
-            for name in (a, b)
-        ]
-        found = fcl.distance(*placed, fcl.DistanceRequest(), fcl.DistanceResult())
-        return max(0.0, float(found))
-
-    def _tree(self, name: str):
-        import fcl
-
-        if name not in self._trees:
-            vertices, faces = triangles_of(self._segments[name])
-            tree = fcl.BVHModel()
-            tree.beginModel(len(vertices), len(faces))
-            tree.addSubModel(vertices, faces)
-            tree.endModel()
-            self._trees[name] = tree
-        return self._trees[name]
+        for name in {a, b} - set(self._meshes):
+            self._meshes[name] = TriangleMesh(*triangles_of(self._segments[name]))
+        X_AB = X[a].InvertAndCompose(X[b])
+        return max(0.0, triangle_distance(self._meshes[a], self._meshes[b], X_AB))
 
 
 def link_parts(link: Link, up_axis: str = "z") -> list[Part]:

@@ -77,7 +77,7 @@ def test_a_knee_that_bends_to_the_other_side_than_its_twin(
     ],
 )
 def test_limbs_that_no_body_has(small, changes, words):
-    read, _, anatomy = small
+    read, anatomy = small
     frames = dict(guess_frames(read, anatomy))
     for point, (name, z) in changes.items():
         frames[point] = FrameChoice(name, [0.0, 0.0, z])
@@ -87,7 +87,7 @@ def test_limbs_that_no_body_has(small, changes, words):
 
 
 def test_hands_that_are_crossed(small):
-    read, _, anatomy = small
+    read, anatomy = small
     frames = guess_frames(read, anatomy)
     crossed = {
         name.replace("left", "x").replace("right", "left").replace("x", "right"): frame

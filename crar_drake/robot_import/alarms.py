@@ -208,6 +208,4 @@ def pair_alarms(
 
 def joints_between(robot: SourceRobot, a: str, b: str) -> int:
     """Joints that move, on the way from one link to the other."""
-    ways = [{joint.name for joint in robot.path_to(link)} for link in (a, b)]
-    between = ways[0] ^ ways[1]
-    return sum(joint.name in between for joint in robot.controlled)
+    return sum(j.moves and not robot.is_weld(j) for j in robot.between(a, b))

@@ -125,7 +125,8 @@ def side_of_names(a: str, b: str) -> int:
 def _toes(robot: SourceRobot, anatomy: Arms) -> int:
     """1 if both feet reach farther to +x than to -x, -1 the other way, else 0."""
     signs, X = set(), robot.poses()
-    for leg in find_legs(robot, anatomy):
+    for chain in find_leg_chains(robot, anatomy) or ():
+        leg = chain.joints[-1].child
         points = [
             vertices_of(robot.looks[link], X[link])
             for link in (leg, *welded_below(robot, leg))
@@ -138,9 +139,3 @@ def _toes(robot: SourceRobot, anatomy: Arms) -> int:
         long = x.max() - x.min()
         signs.add(int(np.sign(ahead)) if abs(ahead) > _TOES * long else 0)
     return signs.pop() if len(signs) == 1 else 0
-
-
-def find_legs(robot: SourceRobot, anatomy: Arms | None) -> list[str]:
-    """The foot's moving link of the left leg and of the right one, or nothing."""
-    legs = find_leg_chains(robot, anatomy)
-    return [leg.joints[-1].child for leg in legs] if legs else []

@@ -45,7 +45,8 @@ def joint_groups(robot: SourceRobot, anatomy: Arms | None) -> dict[str, str]:
         joint = robot.parent_joint(link)
         if joint is None or joint.kind == "fixed":
             continue
-        above = _moving_above(robot, joint)
+        way_down = [j for j in robot.path_to(joint.parent) if j.kind != "fixed"]
+        above = way_down[-1] if way_down else None
         if joint.name in way:
             group = "arms" if joint.name in in_arms else "trunk"
         elif joint.name in in_legs:
@@ -126,14 +127,6 @@ def uncontrollable(robot: SourceRobot) -> set[str]:
         if not joint.moves:
             found.add(joint.name)
     return {name for name in found if robot.joints[name].kind != "fixed"}
-
-
-def _moving_above(robot: SourceRobot, joint: Joint) -> Joint | None:
-    """The next joint towards the root that is not fixed."""
-    above = robot.parent_joint(joint.parent)
-    while above is not None and above.kind == "fixed":
-        above = robot.parent_joint(above.parent)
-    return above
 
 
 class _Extents:

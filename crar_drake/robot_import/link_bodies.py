@@ -127,7 +127,7 @@ def stand_in(parts: list[Part], mass: float) -> Inertia:
     if not hulls:
         mass = mass or _SMALL_MASS
         return Inertia(mass, RigidTransform(), np.eye(3) * _SMALL_INERTIA)
-    hull = trimesh.util.concatenate([trimesh.Trimesh(*each) for each in hulls])
+    hull = trimesh.util.concatenate(hulls)
     hull.density = mass / hull.volume if mass else _DENSITY
     moments = np.asarray(hull.moment_inertia)
     return Inertia(float(hull.mass), RigidTransform(hull.center_mass), moments)

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -26,6 +27,9 @@ from crar_drake.robot_import.source_robot import (
     Shape,
     SourceRobot,
 )
+
+if TYPE_CHECKING:
+    import trimesh
 
 _HEAD = 20_000  # bytes of a DAE file, which its asset element is within
 GREY = (0.7, 0.7, 0.7, 1.0)
@@ -238,8 +242,8 @@ def _colour(mesh) -> tuple[float, ...] | None:
     return tuple(round(float(c), 4) for c in colour)
 
 
-def convex_hulls(parts: Sequence[Part]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Vertices and faces of each part's convex hull; flat parts have none."""
+def convex_hulls(parts: Sequence[Part]) -> list[trimesh.Trimesh]:
+    """Each part's convex hull; flat parts have none."""
     import trimesh
     from scipy.spatial import QhullError
 
@@ -254,7 +258,7 @@ def convex_hulls(parts: Sequence[Part]) -> list[tuple[np.ndarray, np.ndarray]]:
         except QhullError:
             continue
         if volume > 1e-9:
-            hulls.append((np.asarray(hull.vertices), np.asarray(hull.faces)))
+            hulls.append(hull)
     return hulls
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 import pydrake.geometry
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
 
 if TYPE_CHECKING:
     from crar_drake.robot_import.meshes import Looks
@@ -92,9 +93,9 @@ class Link:
     """A link with its shapes and its inertia, if the file gives one."""
 
     name: str
-    visual: tuple[Shape, ...]
-    collision: tuple[Shape, ...]
-    inertia: Inertia | None
+    visual: tuple[Shape, ...] = ()
+    collision: tuple[Shape, ...] = ()
+    inertia: Inertia | None = None
 
     @property
     def mass(self) -> float:
@@ -149,6 +150,16 @@ class Joint:
             turn = RotationMatrix(AngleAxis(position, self.axis))
             return self.X_PC @ RigidTransform(turn)
         return self.X_PC
+
+
+def poses_in(plant: MultibodyPlant, q: np.ndarray, links: Iterable[str]) -> Poses:
+    """X_WL of some links of a finalized plant at positions (nq,)."""
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    return {
+        name: plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
+        for name in links
+    }
 
 
 def weld(name: str, parent: str, child: str, X_PC: RigidTransform) -> Joint:
@@ -229,6 +240,11 @@ class SourceRobot:
     def moving_to(self, link: str) -> list[Joint]:
         """Those of `path_to` that move."""
         return [joint for joint in self.path_to(link) if joint.moves]
+
+    def between(self, a: str, b: str) -> list[Joint]:
+        """The joints on the way from one link to the other, in the file's order."""
+        way = {j.name for j in self.path_to(a)} ^ {j.name for j in self.path_to(b)}
+        return [joint for joint in self.joints.values() if joint.name in way]
 
     def poses(self, positions: Positions | None = None) -> Poses:
         """X_FL of every link L, with joints at zero or where `positions` says."""

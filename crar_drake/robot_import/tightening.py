@@ -22,7 +22,7 @@ from crar_drake.robot_import.pair_sampling import (
     candidate_pairs,
     position_ranges,
 )
-from crar_drake.robot_import.source_robot import SourceRobot
+from crar_drake.robot_import.source_robot import SourceRobot, poses_in
 from crar_drake.robot_import.watched_pairs import adjacent_pairs
 
 # What the excess is multiplied by, until it helps.
@@ -100,7 +100,6 @@ class _Lost:
         self, plant: MultibodyPlant, segments: Looks, rest: np.ndarray
     ) -> None:
         self._plant, self._rest = plant, rest
-        self._context = plant.CreateDefaultContext()
         self._surfaces = Surfaces(segments)
         lower, upper = position_ranges(plant)
         rng = np.random.default_rng(0)
@@ -145,11 +144,4 @@ class _Lost:
         return share
 
     def _gap(self, pair: tuple[str, str], q: np.ndarray) -> float:
-        self._plant.SetPositions(self._context, q)
-        X = {
-            name: self._plant.EvalBodyPoseInWorld(
-                self._context, self._plant.GetBodyByName(name)
-            )
-            for name in pair
-        }
-        return self._surfaces.gap(X, *pair)
+        return self._surfaces.gap(poses_in(self._plant, q, pair), *pair)

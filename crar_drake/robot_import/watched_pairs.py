@@ -19,7 +19,7 @@ from crar_drake.robot_import.anatomy import (
 from crar_drake.robot_import.capsule_fitting import Capsules
 from crar_drake.robot_import.import_report import ImportReport
 from crar_drake.robot_import.pair_sampling import sample_pairs
-from crar_drake.robot_import.source_robot import SourceRobot
+from crar_drake.robot_import.source_robot import SourceRobot, poses_in
 
 # How far the ground is below the soles: what pairs keep, if nothing else is said [m].
 _BELOW_SOLES = 0.005
@@ -99,16 +99,14 @@ def watch_ground(
             f"{report.file}: ground: the robot has a link {GROUND!r} of its own; say "
             "-.inf"
         )
-    context = plant.CreateDefaultContext()
-    plant.SetPositions(context, rest)
+    X_W = poses_in(plant, rest, report.capsules())
     fixed = {body.name() for body in plant.GetBodiesWeldedTo(plant.world_body())}
     watched, below = [], []
     for link, capsules in report.capsules().items():
         if link in fixed:
             continue
-        X_WL = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(link))
         lowest = min(
-            X_WL.multiply(end)[2] - capsule.radius
+            X_W[link].multiply(end)[2] - capsule.radius
             for capsule in capsules
             for end in (capsule.p_L0, capsule.p_L1)
         )
@@ -166,10 +164,8 @@ def adjacent_pairs(
     """Pairs of links with shapes that are joined, be it through bare links."""
     pairs = set()
     for link in capsules:
-        joint = robot.parent_joint(link)
-        while joint is not None:
-            if joint.parent in capsules:
-                pairs.add(frozenset((link, joint.parent)))
-                break
-            joint = robot.parent_joint(joint.parent)
+        above = (joint.parent for joint in reversed(robot.path_to(link)))
+        nearest_above = next((name for name in above if name in capsules), None)
+        if nearest_above is not None:
+            pairs.add(frozenset((link, nearest_above)))
     return pairs

@@ -9,10 +9,9 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, position_tasks
 from crar_drake.robot_import import import_robot
-from crar_drake.robot_import.anatomy import find_anatomy
+from crar_drake.robot_import.anatomy import find_anatomy, find_leg_chains
 from crar_drake.robot_import.body_frames import guess_frames
 from crar_drake.robot_import.facing import (
-    find_legs,
     guess_facing,
     side_of_names,
     turned,
@@ -75,7 +74,8 @@ def test_feet_say_it(tmp_path, facing):
     assert "feet" in found.why and "names" not in found.why
     there = turned(read, facing)
     feet = {"first_foot", "other_foot"}
-    assert set(find_legs(there, find_anatomy(there))) == feet
+    legs = find_leg_chains(there, find_anatomy(there)) or ()
+    assert {leg.joints[-1].child for leg in legs} == feet
 
 
 def test_nothing_says_it(tmp_path):

@@ -181,7 +181,7 @@ def pair_alarms(
     X, surfaces = robot.posed(rest), Surfaces(segments)
     thick = []
     for a, b in overlapping:
-        count = joints_between(robot, a, b)
+        count = len(robot.between(a, b))
         if count < NEIGHBOURS:
             continue
         touch = surfaces.gap(X, a, b) < _TOUCH
@@ -204,8 +204,3 @@ def pair_alarms(
             f"{_REMEDY}"
         )
     return found
-
-
-def joints_between(robot: SourceRobot, a: str, b: str) -> int:
-    """Joints that move, on the way from one link to the other."""
-    return sum(j.moves and not robot.is_weld(j) for j in robot.between(a, b))

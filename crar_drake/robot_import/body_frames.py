@@ -1,6 +1,6 @@
 """A first guess at a motion's points on a robot, and at a single arm's tool."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -48,30 +48,25 @@ def guess_frames(robot: SourceRobot, anatomy: Arms) -> dict[str, FrameChoice]:
     on wheels, below all of the robot or elsewhere far from there.
     """
     X, frames = robot.poses(), {}
-    arms = anatomy._asdict()
-    elbows = {side: elbow_index(X, arm) for side, arm in arms.items()}
-    wrists = {side: wrist_joint(X, arm, elbows[side]) for side, arm in arms.items()}
-    shoulders = {side: shoulder_point(X, arm) for side, arm in arms.items()}
-    bends = [arm.joints[elbows[side]] for side, arm in arms.items()]
-    p_elbows = dict(zip(arms, _on_axes(X, bends, shoulders.values()), strict=True))
-    p_wrists: dict[str, np.ndarray] = {}
-    if all(wrists.values()):
-        on_axes = _on_axes(X, wrists.values(), shoulders.values())
-        p_wrists = dict(zip(arms, on_axes, strict=True))
-    for side, arm in arms.items():
-        elbow, wrist = arm.joints[elbows[side]], wrists[side]
-        at = arm.joints[1].parent
-        frames[f"{side}_shoulder"] = frame_at(X, at, shoulders[side])
-        frames[f"{side}_elbow"] = frame_at(X, elbow.child, p_elbows[side])
+    shoulders = [shoulder_point(X, arm) for arm in anatomy]
+    numbers = [elbow_index(X, arm) for arm in anatomy]
+    elbows = [arm.joints[i] for arm, i in zip(anatomy, numbers, strict=True)]
+    wrists = [wrist_joint(X, *each) for each in zip(anatomy, numbers, strict=True)]
+    p_elbows = _on_axes(X, elbows, shoulders)
+    p_wrists = [wrist and X[wrist.child].translation() for wrist in wrists]
+    if all(wrists):
+        p_wrists = _on_axes(X, wrists, shoulders)
+    for i, (side, arm) in enumerate(anatomy._asdict().items()):
+        frames[f"{side}_shoulder"] = frame_at(X, arm.joints[1].parent, shoulders[i])
+        frames[f"{side}_elbow"] = frame_at(X, elbows[i].child, p_elbows[i])
         at_wrist = at_hand = FrameChoice(arm.hand)
-        if wrist is not None:
-            p_wrist = p_wrists.get(side, X[wrist.child].translation())
-            at_wrist = frame_at(X, wrist.parent, p_wrist)
-        elif (tip := _forearm_tip(robot, arm, elbows[side])) is not None:
+        if wrists[i] is not None:
+            at_wrist = frame_at(X, wrists[i].parent, p_wrists[i])
+        elif (tip := _forearm_tip(robot, arm, numbers[i])) is not None:
             # A forearm without a hand has its own at the wrist, too, not at the elbow.
             at_wrist = at_hand = frame_at(X, arm.hand, tip)
         frames[f"{side}_wrist"], frames[f"{side}_hand"] = at_wrist, at_hand
-    p_neck = np.mean(list(shoulders.values()), axis=0)
+    p_neck = np.mean(shoulders, axis=0)
     frames["neck"] = frame_at(X, anatomy.left.trunk, p_neck)
     p_waist = _waist_above_wheels(robot, anatomy, p_neck)
     if p_waist is None:
@@ -93,11 +88,10 @@ def guess_frames(robot: SourceRobot, anatomy: Arms) -> dict[str, FrameChoice]:
 
 
 def _on_axes(
-    X: Poses, joints: Iterable[Joint], p_shoulders: Iterable[np.ndarray]
+    X: Poses, joints: Sequence[Joint], p_shoulders: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
     """The origins of a left joint and a right one if they mirror each other, else the
     points of their axes that are nearest to the shoulders; in the root's frame."""
-    joints = list(joints)
     left, right = (X[joint.child].translation() for joint in joints)
     if np.abs(left - right * [1, -1, 1]).max() <= MIRROR_TOLERANCE:
         return [left, right]

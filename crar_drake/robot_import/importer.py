@@ -317,23 +317,19 @@ def _locate(source: str, out: Path) -> Path:
 
 def _note_joints(robot: SourceRobot, report: ImportReport) -> None:
     moving = robot.controlled
-    report.notes.append(f"controlled joints: {', '.join(j.name for j in moving)}")
+    report.note("controlled joints", [j.name for j in moving])
     sliding = [j for j in moving if j.kind == "prismatic"]
-    if sliding:
-        report.notes.append(
-            "joints that slide, with positions in m, speeds in m/s and efforts in N: "
-            + ", ".join(f"{j.name} ({j.lower:g} to {j.upper:g} m)" for j in sliding)
-        )
+    report.note(
+        "joints that slide, with positions in m, speeds in m/s and efforts in N",
+        [f"{j.name} ({j.lower:g} to {j.upper:g} m)" for j in sliding],
+    )
     lacking = {
         "limits": [j.name for j in moving if not np.isfinite(j.lower)],
         "an effort limit": [j.name for j in moving if not j.effort],
         "a velocity limit": [j.name for j in moving if not j.velocity],
     }
-    report.notes += [
-        f"joints without {what}: {', '.join(names)}"
-        for what, names in lacking.items()
-        if names
-    ]
+    for what, names in lacking.items():
+        report.note(f"joints without {what}", names)
     report.notes.append("every controlled joint was given an actuator of its name")
 
 

@@ -51,10 +51,9 @@ def cover_triangles(robot: SourceRobot, segments: Looks, report: ImportReport) -
             X_LO = X[name].inverse() @ X[other]
             parts += [part.moved(X_LO) for part in segments[other]]
         report.fits[name], grown[name] = covered(report.fits[name], parts)
-    growth = ", ".join(f"{name} {1e3 * by:.1f}" for name, by in grown.items())
-    report.notes.append(
-        "capsules were grown until they hold all triangles, the radii by at most [mm]: "
-        + growth
+    report.note(
+        "capsules were grown until they hold all triangles, the radii by at most [mm]",
+        [f"{name} {1e3 * by:.1f}" for name, by in grown.items()],
     )
 
 

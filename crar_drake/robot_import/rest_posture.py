@@ -10,7 +10,6 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import RootPose, find_joint
-from crar_drake.robot_import.alarms import joints_between
 from crar_drake.robot_import.anatomy import (
     LATERAL,
     Arm,
@@ -88,7 +87,7 @@ def _clear_rest(
     pairs = [
         pair
         for pair in itertools.combinations(links, 2)
-        if joints_between(robot, *pair) > _SOCKET
+        if len(robot.between(*pair)) > _SOCKET
     ]
     found = []
     for away, spread in itertools.product(_AWAY, _SPREAD):

@@ -173,10 +173,7 @@ class _Reader(TreeReader):
         names = [model.body(i).name or f"body {i}" for i in left_out]
         scene = [i for i in range(model.ngeom) if model.geom_bodyid[i] == 0]
         names += [model.geom(i).name or "a shape of the world" for i in scene]
-        if names:
-            self._notes.append(
-                f"left out, since it is not the robot's: {', '.join(names)}"
-            )
+        self._note_foreign(names)
         balls = [n for j, n in self._joint_names.items() if self._kind(j) == "ball"]
         if balls:
             self._notes.append(
@@ -198,11 +195,8 @@ class _Reader(TreeReader):
             "friction": np.any(model.dof_frictionloss[dofs]),
             "springs": np.any(model.jnt_stiffness[list(self._joint_names)]),
         }
-        if any(lost.values()):
-            self._notes.append(
-                "left out of the joints: "
-                + ", ".join(what for what, there in lost.items() if there)
-            )
+        if left_out := [what for what, there in lost.items() if there]:
+            self._notes.append(f"left out of the joints: {', '.join(left_out)}")
         self._notes.append(
             "MJCF has no speed limits: the joints have none, unless a scenario's "
             "controller gives velocity_limits"
@@ -352,8 +346,8 @@ class _Reader(TreeReader):
             ends = tuple(int(model.site_bodyid[site]) for site in ends)
         if any(body == 0 or body not in self._bodies for body in ends):
             return []
-        way = self._tree().between(*(self._bodies[body] for body in ends))
-        return [joint.name for joint in way if joint.kind != "fixed"]
+        links = (self._bodies[body] for body in ends)
+        return [joint.name for joint in self._tree().between(*links)]
 
 
 def _inertia(model, body: int) -> Inertia | None:

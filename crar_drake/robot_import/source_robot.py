@@ -242,9 +242,11 @@ class SourceRobot:
         return [joint for joint in self.path_to(link) if joint.moves]
 
     def between(self, a: str, b: str) -> list[Joint]:
-        """The joints on the way from one link to the other, in the file's order."""
+        """The joints on the way from one link to the other that are no welds, in the
+        file's order."""
         way = {j.name for j in self.path_to(a)} ^ {j.name for j in self.path_to(b)}
-        return [joint for joint in self.joints.values() if joint.name in way]
+        joints = [joint for joint in self.joints.values() if joint.name in way]
+        return [joint for joint in joints if not self.is_weld(joint)]
 
     def poses(self, positions: Positions | None = None) -> Poses:
         """X_FL of every link L, with joints at zero or where `positions` says."""

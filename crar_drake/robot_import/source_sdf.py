@@ -167,11 +167,7 @@ class _Reader(TreeReader):
                 "that has, or includes, the one that is meant alone"
             )
         (model,) = moving
-        others = dict.fromkeys(name for name in bodies[1:] if name != model)
-        if others:
-            self._notes.append(
-                f"left out, since it is not the robot's: {', '.join(others)}"
-            )
+        self._note_foreign(dict.fromkeys(b for b in bodies[1:] if b != model))
         if plant.num_force_elements() > 1:
             self._notes.append("left out of the joints: springs")
         return model
@@ -317,8 +313,7 @@ class _Reader(TreeReader):
                 "joints nearest to zero: give them positions in locked that close it"
             )
         ends = self._name(joint.parent_body()), self._name(joint.child_body())
-        way = robot.between(*ends)
-        return Loop(name, tuple(j.name for j in way if j.kind != "fixed"))
+        return Loop(name, tuple(j.name for j in robot.between(*ends)))
 
 
 def _unique_names(elements: Sequence, model: str) -> dict:

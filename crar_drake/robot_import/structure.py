@@ -41,10 +41,8 @@ def with_semantics(robot: SourceRobot, report: ImportReport) -> SourceRobot:
     if name:
         report.notes.append(f"rests in the posture {name!r} of {path.name}")
     elif semantics.postures:
-        report.notes.append(
-            f"no posture of {path.name} was taken; write one as posture: "
-            + ", ".join(semantics.postures)
-        )
+        what = f"no posture of {path.name} was taken; write one as posture"
+        report.note(what, [*semantics.postures])
     return replace(robot, posture=posture or robot.posture, allowed=semantics.allowed)
 
 

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from crar_drake.robot_import.alarms import joints_between
 from crar_drake.robot_import.capsule_fitting import Capsules
 from crar_drake.robot_import.import_report import ImportReport
 from crar_drake.robot_import.link_fits import LinkFits
@@ -50,7 +49,7 @@ def tighten(
     pairs = [
         pair
         for pair in candidate_pairs(plant, own, adjacent_pairs(robot, own))
-        if joints_between(robot, *pair) > 1
+        if len(robot.between(*pair)) > 1
     ]
     if choices.pairs is not None:
         asked = {frozenset(pair) for pair in choices.pairs}
@@ -82,14 +81,11 @@ def tighten(
                 report.fits |= new
                 tightened |= {name: fit.excess for name, fit in new.items()}
                 break
-    if tightened:
-        report.notes.append(
-            "fitted more closely, since their capsules met others where meshes are "
-            f"{1e3 * NEAR:.0f} mm apart, or at rest: "
-            + ", ".join(
-                f"{name} ({1e3 * excess:.0f} mm)" for name, excess in tightened.items()
-            )
-        )
+    report.note(
+        "fitted more closely, since their capsules met others where meshes are "
+        f"{1e3 * NEAR:.0f} mm apart, or at rest",
+        [f"{name} ({1e3 * excess:.0f} mm)" for name, excess in tightened.items()],
+    )
     return bool(tightened)
 
 

@@ -1,5 +1,6 @@
 """Links and joints of a robot's file as a reader adds them, one by one."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 from pydrake.math import RigidTransform
@@ -21,6 +22,11 @@ class TreeReader:
     def _tree(self) -> SourceRobot:
         """What is read so far, without a name."""
         return SourceRobot("", self._path, self._links, self._joints)
+
+    def _note_foreign(self, names: Collection[str]) -> None:
+        if names:
+            what = ", ".join(names)
+            self._notes.append(f"left out, since it is not the robot's: {what}")
 
     def _unique(self, name: str, more: str = "_") -> str:
         """A new link's name, which is made longer where there is such a link."""

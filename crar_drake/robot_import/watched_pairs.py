@@ -60,16 +60,11 @@ def choose_pairs(
             f"{Path(choices.srdf).name} lets them touch, although they came within "
             "2 cm"
         )
-    if overlapping:
-        report.notes.append(
-            "not watched, since they touch in the rest posture: "
-            + ", ".join(map(" - ".join, overlapping))
-        )
-    if found.always:
-        report.notes.append(
-            "not watched, since they nearly always touch: "
-            + ", ".join(" - ".join(pair) for pair in found.always)
-        )
+    for why, pairs in (
+        ("touch in the rest posture", overlapping),
+        ("nearly always touch", found.always),
+    ):
+        report.note(f"not watched, since they {why}", [*map(" - ".join, pairs)])
     return overlapping
 
 

@@ -204,7 +204,7 @@ def sample_pairs(
     plant: MultibodyPlant,
     capsules: Capsules,
     rest: np.ndarray,
-    adjacent: set[frozenset[str]],
+    candidates: Sequence[tuple[str, str]],
     samples: int = SAMPLES,
     twins: Mapping[str, str] | None = None,
     always_watched: set[frozenset[str]] = frozenset(),
@@ -213,14 +213,13 @@ def sample_pairs(
 
     Args:
         plant: finalized.
-        capsules: their order is that of the pairs.
+        capsules: of the links.
         rest: (nq,) the rest posture.
-        adjacent: pairs that a joint connects, which always touch.
+        candidates: pairs that neither a joint nor a weld connects; those always touch.
         twins: link to the same one of the robot's other side: a pair is watched if its
             image is.
         always_watched: pairs that are watched although nothing was found.
     """
-    candidates = candidate_pairs(plant, capsules, adjacent)
     if not candidates:
         return SampledPairs([], [], [], 0)
     distances = PairDistances(plant, capsules, candidates)
@@ -257,22 +256,6 @@ def sample_pairs(
         else:
             watched.append(list(pair))
     return SampledPairs(watched, overlapping, always, never)
-
-
-def candidate_pairs(
-    plant: MultibodyPlant, capsules: Capsules, adjacent: set[frozenset[str]]
-) -> list[tuple[str, str]]:
-    """Pairs of links with capsules that are neither joined nor welded."""
-    links = [name for name in capsules if capsules[name]]
-    welded = {
-        name: {b.name() for b in plant.GetBodiesWeldedTo(plant.GetBodyByName(name))}
-        for name in links
-    }
-    return [
-        (a, b)
-        for a, b in itertools.combinations(links, 2)
-        if frozenset((a, b)) not in adjacent and b not in welded[a]
-    ]
 
 
 def position_ranges(plant: MultibodyPlant) -> tuple[np.ndarray, np.ndarray]:

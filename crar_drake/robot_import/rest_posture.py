@@ -190,11 +190,7 @@ def bent_knees(
 def _bent(robot: SourceRobot, leg: Arm) -> dict[str, float] | None:
     X, joints = robot.posed(), leg.joints
     index = knee_index(X, leg)
-    pitching = [
-        i
-        for i, joint in enumerate(joints)
-        if abs(joint_axis(X, joint)[1]) > LATERAL and not robot.is_weld(joint)
-    ]
+    pitching = _turning(robot, leg, 1)
     if index not in pitching or pitching[0] == index or pitching[-1] == index:
         return None
     place = pitching.index(index)
@@ -221,18 +217,24 @@ def _rolled(robot: SourceRobot, leg: Arm, angle: float) -> dict[str, float]:
     """Hip and ankle, rolled against each other about the axis ahead."""
     X = robot.posed()
     knee = knee_index(X, leg)
-    axes = [joint_axis(X, joint)[0] for joint in leg.joints]
-    rolls = [
-        i
-        for i, (joint, along) in enumerate(zip(leg.joints, axes, strict=True))
-        if abs(along) > LATERAL and not robot.is_weld(joint)
-    ]
+    rolls = _turning(robot, leg, 0)
     if not angle or not rolls or not rolls[0] < knee < rolls[-1]:
         return {}
+    turns = ((leg.joints[rolls[0]], angle), (leg.joints[rolls[-1]], -angle))
     return {
-        leg.joints[i].name: round(_inside(leg.joints[i], np.sign(axes[i]) * by), 4)
-        for i, by in ((rolls[0], angle), (rolls[-1], -angle))
+        joint.name: round(_inside(joint, np.sign(joint_axis(X, joint)[0]) * by), 4)
+        for joint, by in turns
     }
+
+
+def _turning(robot: SourceRobot, leg: Arm, axis: int) -> list[int]:
+    """Which of a leg's joints are free to turn about an axis of the robot."""
+    X = robot.posed()
+    return [
+        i
+        for i, joint in enumerate(leg.joints)
+        if abs(joint_axis(X, joint)[axis]) > LATERAL and not robot.is_weld(joint)
+    ]
 
 
 def _pitch(v: np.ndarray) -> float:

@@ -84,32 +84,19 @@ class _Reader(TreeReader):
     ) -> None:
         super().__init__(path, [])
         self._plant, self._inspector, self._mimics = plant, inspector, mimics
-        self._efforts = {
-            actuator.joint().index(): actuator.effort_limit()
-            for actuator in map(
-                plant.get_joint_actuator, plant.GetJointActuatorIndices()
-            )
-        }
+        self._instances = [*map(ModelInstanceIndex, range(plant.num_model_instances()))]
+        actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+        self._efforts = {a.joint().index(): a.effort_limit() for a in actuators}
 
     def robot(self) -> SourceRobot:
         """All of it."""
         plant = self._plant
         model = self._select_model()
-        instances = [
-            instance
-            for instance in map(ModelInstanceIndex, range(plant.num_model_instances()))
-            if self._model_of(instance) == model
-        ]
-        bodies = [
-            plant.get_body(index)
-            for instance in instances
-            for index in plant.GetBodyIndices(instance)
-        ]
-        joints = [
-            plant.get_joint(index)
-            for instance in instances
-            for index in plant.GetJointIndices(instance)
-        ]
+        instances = [i for i in self._instances if self._model_of(i) == model]
+        indices = (i for each in instances for i in plant.GetBodyIndices(each))
+        bodies = [*map(plant.get_body, indices)]
+        indices = (i for each in instances for i in plant.GetJointIndices(each))
+        joints = [*map(plant.get_joint, indices)]
         self._bodies = _unique_names(bodies, model)
         self._taken |= set(self._bodies.values())
         self._bodies[plant.world_body().index()] = WORLD
@@ -148,11 +135,7 @@ class _Reader(TreeReader):
     def _select_model(self) -> str:
         """The model that moves."""
         plant = self._plant
-        bodies = [
-            self._model_of(instance)
-            for instance in map(ModelInstanceIndex, range(plant.num_model_instances()))
-            for _ in plant.GetBodyIndices(instance)
-        ]
+        with_bodies = [i for i in self._instances[1:] if plant.GetBodyIndices(i)]
         moving = Counter(
             self._model_of(joint.model_instance())
             for joint in map(plant.get_joint, plant.GetJointIndices())
@@ -167,7 +150,8 @@ class _Reader(TreeReader):
                 "that has, or includes, the one that is meant alone"
             )
         (model,) = moving
-        self._note_foreign(dict.fromkeys(b for b in bodies[1:] if b != model))
+        names = dict.fromkeys(map(self._model_of, with_bodies))
+        self._note_foreign([name for name in names if name != model])
         if plant.num_force_elements() > 1:
             self._notes.append("left out of the joints: springs")
         return model
@@ -217,10 +201,8 @@ class _Reader(TreeReader):
             other = weld(name, parent, child, X_PF @ X_MC)
             self._joints[name] = replace(other, kind=_KINDS.get(kind, kind))
             return
-        (lower,), (upper,) = (
-            joint.position_lower_limits(),
-            joint.position_upper_limits(),
-        )
+        (lower,) = joint.position_lower_limits()
+        (upper,) = joint.position_upper_limits()
         if kind == "revolute":
             axis = joint.revolute_axis()
             # Where the child's origin is on the axis, it may as well be the joint's.
@@ -241,8 +223,8 @@ class _Reader(TreeReader):
             X_MC.rotation().inverse() @ axis,
             float(lower),
             float(upper),
-            _limit(self._efforts.get(joint.index(), np.inf)),
-            _limit(joint.velocity_upper_limits()[0]),
+            self._efforts.get(joint.index()),
+            float(joint.velocity_upper_limits()[0]),
             float(joint.default_damping_vector()[0]),
         )
 
@@ -340,7 +322,3 @@ def _inertia(body: RigidBody) -> Inertia | None:
     if mass == 1.0 and not p_LC.any() and np.array_equal(moments, np.eye(3)):
         return None
     return Inertia(mass, RigidTransform(p_LC), moments)
-
-
-def _limit(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -18,11 +18,10 @@ from crar_drake.robot_import.pair_sampling import (
     CLEAR,
     NEAR,
     PairDistances,
-    candidate_pairs,
     position_ranges,
 )
 from crar_drake.robot_import.source_robot import SourceRobot, poses_in
-from crar_drake.robot_import.watched_pairs import adjacent_pairs
+from crar_drake.robot_import.watched_pairs import candidate_pairs
 
 # What the excess is multiplied by, until it helps.
 _SMALLER = (0.5, 0.25)
@@ -47,9 +46,7 @@ def tighten(
     """
     choices, own = report.choices, report.capsules()
     pairs = [
-        pair
-        for pair in candidate_pairs(plant, own, adjacent_pairs(robot, own))
-        if len(robot.between(*pair)) > 1
+        pair for pair in candidate_pairs(robot, own) if len(robot.between(*pair)) > 1
     ]
     if choices.pairs is not None:
         asked = {frozenset(pair) for pair in choices.pairs}

@@ -20,6 +20,7 @@ from crar_drake.robot_import.capsule_fitting import Capsules
 from crar_drake.robot_import.import_report import ImportReport
 from crar_drake.robot_import.pair_sampling import sample_pairs
 from crar_drake.robot_import.source_robot import SourceRobot, poses_in
+from crar_drake.robot_import.structure import welded_groups
 
 # How far the ground is below the soles: what pairs keep, if nothing else is said [m].
 _BELOW_SOLES = 0.005
@@ -43,7 +44,7 @@ def choose_pairs(
         plant,
         capsules,
         rest,
-        adjacent_pairs(robot, capsules),
+        candidate_pairs(robot, capsules),
         twins=link_twins(robot),
         always_watched=_hands_together(robot),
     )
@@ -153,14 +154,17 @@ def _hands_together(robot: SourceRobot) -> set[frozenset[str]]:
     return {frozenset(pair) for pair in itertools.product(*sides)}
 
 
-def adjacent_pairs(
+def candidate_pairs(
     robot: SourceRobot, capsules: Collection[str]
-) -> set[frozenset[str]]:
-    """Pairs of links with shapes that are joined, be it through bare links."""
-    pairs = set()
+) -> list[tuple[str, str]]:
+    """Pairs of links with shapes that are neither welded nor joined, be it through bare
+    links."""
+    group, joined = welded_groups(robot), set()
     for link in capsules:
         above = (joint.parent for joint in reversed(robot.path_to(link)))
-        nearest_above = next((name for name in above if name in capsules), None)
-        if nearest_above is not None:
-            pairs.add(frozenset((link, nearest_above)))
-    return pairs
+        joined.add((next((name for name in above if name in capsules), None), link))
+    return [
+        (a, b)
+        for a, b in itertools.combinations(capsules, 2)
+        if group[a] != group[b] and not {(a, b), (b, a)} & joined
+    ]

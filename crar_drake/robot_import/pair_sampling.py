@@ -261,10 +261,8 @@ def sample_pairs(
 def position_ranges(plant: MultibodyPlant) -> tuple[np.ndarray, np.ndarray]:
     """(n,) lower and upper positions that are worth trying: a whole turn at most."""
     lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-    unlimited = ~(np.isfinite(lower) & np.isfinite(upper))
-    lower = np.where(unlimited, np.maximum(lower, -np.pi), lower)
-    upper = np.where(unlimited, np.minimum(upper, lower + 2.0 * np.pi), upper)
-    lower = np.where(unlimited, np.maximum(lower, upper - 2.0 * np.pi), lower)
+    unlimited = ~np.isfinite(upper - lower)
+    lower[unlimited], upper[unlimited] = -np.pi, np.pi
     for index in plant.GetJointIndices():
         joint = plant.get_joint(index)
         if isinstance(joint, RevoluteJoint):

@@ -112,7 +112,6 @@ class _Reader(TreeReader):
             else:
                 self._add_joint(joint, names[joint.index()])
         self._add_frames(instances, joints)
-        self._add_mimics()
         check_tree(read := self._tree())
         self._set_upright(read.root)
         robot = self._tree()  # another one, if a link was added that carries the root
@@ -226,6 +225,7 @@ class _Reader(TreeReader):
             self._efforts.get(joint.index()),
             float(joint.velocity_upper_limits()[0]),
             float(joint.default_damping_vector()[0]),
+            *self._mimics.get(name, ()),
         )
 
     def _add_frames(self, instances, joints: Sequence[DrakeJoint]) -> None:
@@ -246,16 +246,6 @@ class _Reader(TreeReader):
                     continue
                 name = self._add_bare_link(name, "_frame")
                 self._weld(link, name, frame.GetFixedPoseInBodyFrame())
-
-    def _add_mimics(self) -> None:
-        for name, (leader, multiplier, offset) in self._mimics.items():
-            if name in self._joints:
-                self._joints[name] = replace(
-                    self._joints[name],
-                    mimic=leader,
-                    multiplier=multiplier,
-                    offset=offset,
-                )
 
     def _set_upright(self, root: str) -> None:
         """A root link is taken to have z up. If it is turned in the world a link that

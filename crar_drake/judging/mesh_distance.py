@@ -164,15 +164,14 @@ def mesh_distance(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> flo
 
 def distance_apart(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> float:
     """Distance of the nearest triangles [m]; 0 where meshes meet (`meshes_meet`)."""
-    gap = fcl.distance(
-        a.placed(RigidTransform()),
-        b.placed(X_AB),
-        fcl.DistanceRequest(),
-        fcl.DistanceResult(),
-    )
-    if gap > 0.0 and not _one_holds_other(a, b, X_AB):
-        return float(gap)
-    return 0.0
+    gap = triangle_distance(a, b, X_AB)
+    return gap if gap > 0.0 and not _one_holds_other(a, b, X_AB) else 0.0
+
+
+def triangle_distance(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> float:
+    """Distance of the nearest triangles [m]; 0 or less where some intersect."""
+    placed = a.placed(RigidTransform()), b.placed(X_AB)
+    return float(fcl.distance(*placed, fcl.DistanceRequest(), fcl.DistanceResult()))
 
 
 def meshes_meet(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> bool:

@@ -5,9 +5,9 @@ optional dependencies of the extra `robots`.
 
 Words of all modules: a `robot` is turned so that x is its front and z up, once
 `structure.face_ahead` has seen it. `anatomy` are its arms, None if it has no two.
-`parts` are the looks of its links, `segments` those that capsules are fitted to,
-several links' together where they share them; `locked` says where joints are welded,
-`frames` where a motion's points are, and `X` are the links' poses with joints at 0.
+`segments` are the looks that capsules are fitted to, several links' together where
+they share them; `frames` says where a motion's points are, and `X` are the links' poses
+with joints at 0.
 """
 
 from crar_drake.robot_import.choices import ImportChoices, load_choices

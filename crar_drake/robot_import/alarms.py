@@ -59,9 +59,9 @@ def limb_alarms(robot: SourceRobot, frames: Mapping[str, FrameChoice]) -> list[s
     return found
 
 
-def number_alarms(robot: SourceRobot, locked: Positions) -> list[str]:
+def number_alarms(robot: SourceRobot) -> list[str]:
     """Numbers of a robot's file that are read, and hardly meant."""
-    moving = [j for j in robot.joints.values() if j.moves and j.name not in locked]
+    moving = robot.controlled
     still = [joint.name for joint in moving if joint.lower == joint.upper]
     turns = [
         f"{joint.name} ({joint.lower:g} to {joint.upper:g})"
@@ -90,9 +90,7 @@ def number_alarms(robot: SourceRobot, locked: Positions) -> list[str]:
     return found
 
 
-def mirrored_range_alarms(
-    robot: SourceRobot, anatomy: Arms | None, locked: Positions
-) -> list[str]:
+def mirrored_range_alarms(robot: SourceRobot, anatomy: Arms | None) -> list[str]:
     """Joints of a left limb whose range is not that of the right one's mirror image.
 
     Either both limbs are of one make, or one of the two bends to the wrong side, by a
@@ -104,7 +102,7 @@ def mirrored_range_alarms(
     for left, right in twins:
         p_left, p_right = (X[j.child].translation() for j in (left, right))
         apart = np.abs(p_left * [1, -1, 1] - p_right).max()
-        still = left.name in locked or right.name in locked
+        still = robot.is_weld(left) or robot.is_weld(right)
         if still or "prismatic" in (left.kind, right.kind) or apart > _APART:
             continue
         # The mirror image of a turn about an axis is one about the axis' image, back.
@@ -138,11 +136,11 @@ def coupling_alarms(
 
 
 def floor_alarms(
-    robot: SourceRobot, parts: Looks, positions: Positions, height: float, anatomy: Arms
+    robot: SourceRobot, rest: Positions, height: float, anatomy: Arms
 ) -> list[str]:
     """What of a robot with arms is below the floor in its rest posture, the root link
     so high above it [m]; or that it stands on its hands."""
-    bottoms = lowest_points(robot, parts, positions)
+    bottoms = lowest_points(robot, rest)
     lowest = {link: bottom + height for link, bottom in bottoms.items()}
     if not lowest:
         return []
@@ -163,7 +161,6 @@ def floor_alarms(
 
 def pair_alarms(
     robot: SourceRobot,
-    locked: Positions,
     segments: Looks,
     rest: Positions,
     pairs: Sequence[Sequence[str]],
@@ -181,10 +178,10 @@ def pair_alarms(
             "pairs: no pair of links is watched: nothing keeps the robot from running "
             "into itself"
         )
-    X, surfaces = robot.poses({**locked, **rest}), Surfaces(segments)
+    X, surfaces = robot.posed(rest), Surfaces(segments)
     thick = []
     for a, b in overlapping:
-        count = joints_between(robot, locked, a, b)
+        count = len(robot.between(a, b))
         if count < NEIGHBOURS:
             continue
         touch = surfaces.gap(X, a, b) < _TOUCH
@@ -207,10 +204,3 @@ def pair_alarms(
             f"{_REMEDY}"
         )
     return found
-
-
-def joints_between(robot: SourceRobot, locked: Positions, a: str, b: str) -> int:
-    """Joints that move, on the way from one link to the other."""
-    ways = [{joint.name for joint in robot.path_to(link)} for link in (a, b)]
-    between = ways[0] ^ ways[1]
-    return sum(robot.joints[j].moves and j not in locked for j in between)

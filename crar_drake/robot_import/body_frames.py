@@ -1,6 +1,6 @@
 """A first guess at a motion's points on a robot, and at a single arm's tool."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from crar_drake.robot_import.anatomy import (
     wrist_joint,
 )
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.meshes import Looks, lowest_points, vertices_of
+from crar_drake.robot_import.meshes import lowest_points, vertices_of
 from crar_drake.robot_import.source_robot import Joint, Poses, SourceRobot
 
 LEG_POINTS = ("hip", "knee", "foot")
@@ -33,9 +33,7 @@ _ABOVE = 0.03  # [m] above the shoulders that a head reaches, at least
 _TRUNK_SHARE = 0.9  # of a person's arm, from shoulder to wrist
 
 
-def guess_frames(
-    robot: SourceRobot, anatomy: Arms, parts: Looks | None = None
-) -> dict[str, FrameChoice]:
+def guess_frames(robot: SourceRobot, anatomy: Arms) -> dict[str, FrameChoice]:
     """The points that a motion of joint centres needs, on the robot.
 
     Shoulder: where the axes of the arm's second and third joint come nearest, or of
@@ -49,34 +47,28 @@ def guess_frames(
     Neck: between the shoulders. Waist: the root link, or where a body has it if that is
     on wheels, below all of the robot or elsewhere far from there.
     """
-    X, parts = robot.poses(), parts or {}
-    frames = {}
-    arms = anatomy._asdict()
-    elbows = {side: elbow_index(X, arm) for side, arm in arms.items()}
-    wrists = {side: wrist_joint(X, arm, elbows[side]) for side, arm in arms.items()}
-    shoulders = {side: shoulder_point(X, arm) for side, arm in arms.items()}
-    bends = [arm.joints[elbows[side]] for side, arm in arms.items()]
-    p_elbows = dict(zip(arms, _on_axes(X, bends, shoulders.values()), strict=True))
-    p_wrists: dict[str, np.ndarray] = {}
-    if all(wrists.values()):
-        on_axes = _on_axes(X, wrists.values(), shoulders.values())
-        p_wrists = dict(zip(arms, on_axes, strict=True))
-    for side, arm in arms.items():
-        elbow, wrist = arm.joints[elbows[side]], wrists[side]
-        at = arm.joints[1].parent
-        frames[f"{side}_shoulder"] = frame_at(X, at, shoulders[side])
-        frames[f"{side}_elbow"] = frame_at(X, elbow.child, p_elbows[side])
+    X, frames = robot.poses(), {}
+    shoulders = [shoulder_point(X, arm) for arm in anatomy]
+    numbers = [elbow_index(X, arm) for arm in anatomy]
+    elbows = [arm.joints[i] for arm, i in zip(anatomy, numbers, strict=True)]
+    wrists = [wrist_joint(X, *each) for each in zip(anatomy, numbers, strict=True)]
+    p_elbows = _on_axes(X, elbows, shoulders)
+    p_wrists = [wrist and X[wrist.child].translation() for wrist in wrists]
+    if all(wrists):
+        p_wrists = _on_axes(X, wrists, shoulders)
+    for i, (side, arm) in enumerate(anatomy._asdict().items()):
+        frames[f"{side}_shoulder"] = frame_at(X, arm.joints[1].parent, shoulders[i])
+        frames[f"{side}_elbow"] = frame_at(X, elbows[i].child, p_elbows[i])
         at_wrist = at_hand = FrameChoice(arm.hand)
-        if wrist is not None:
-            p_wrist = p_wrists.get(side, X[wrist.child].translation())
-            at_wrist = frame_at(X, wrist.parent, p_wrist)
-        elif (tip := _forearm_tip(X, arm, elbows[side], parts)) is not None:
+        if wrists[i] is not None:
+            at_wrist = frame_at(X, wrists[i].parent, p_wrists[i])
+        elif (tip := _forearm_tip(robot, arm, numbers[i])) is not None:
             # A forearm without a hand has its own at the wrist, too, not at the elbow.
             at_wrist = at_hand = frame_at(X, arm.hand, tip)
         frames[f"{side}_wrist"], frames[f"{side}_hand"] = at_wrist, at_hand
-    p_neck = np.mean(list(shoulders.values()), axis=0)
+    p_neck = np.mean(shoulders, axis=0)
     frames["neck"] = frame_at(X, anatomy.left.trunk, p_neck)
-    p_waist = _waist_above_wheels(robot, anatomy, p_neck, parts)
+    p_waist = _waist_above_wheels(robot, anatomy, p_neck)
     if p_waist is None:
         limbs = [("shoulder", "elbow"), ("elbow", "wrist")]
         p = {name: frame.place(X) for name, frame in frames.items()}
@@ -85,7 +77,7 @@ def guess_frames(
         )
         p_waist = _waist_far_from_root(robot, anatomy, p_neck, arm_length)
         # A body's waist is above what it stands on, a table, too.
-        floor = min(lowest_points(robot, parts).values(), default=-np.inf)
+        floor = min(lowest_points(robot).values(), default=-np.inf)
         if (robot.X_FR.translation() if p_waist is None else p_waist)[2] <= floor:
             p_waist = _waist_above(floor, p_neck)
     frames["waist"] = (
@@ -96,11 +88,10 @@ def guess_frames(
 
 
 def _on_axes(
-    X: Poses, joints: Iterable[Joint], p_shoulders: Iterable[np.ndarray]
+    X: Poses, joints: Sequence[Joint], p_shoulders: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
     """The origins of a left joint and a right one if they mirror each other, else the
     points of their axes that are nearest to the shoulders; in the root's frame."""
-    joints = list(joints)
     left, right = (X[joint.child].translation() for joint in joints)
     if np.abs(left - right * [1, -1, 1]).max() <= MIRROR_TOLERANCE:
         return [left, right]
@@ -113,13 +104,13 @@ def _on_axes(
     ]
 
 
-def _forearm_tip(X: Poses, arm: Arm, elbow: int, parts: Looks) -> np.ndarray | None:
+def _forearm_tip(robot: SourceRobot, arm: Arm, elbow: int) -> np.ndarray | None:
     """Where a forearm's wrist would be that has no hand: 80 % of the way to its tip.
 
     None where the hand is a link of its own, away from the elbow, or has no look.
     """
+    X, look = robot.poses(), robot.looks.get(arm.hand)
     p_elbow = X[arm.joints[elbow].child].translation()
-    look = parts.get(arm.hand)
     if np.linalg.norm(X[arm.hand].translation() - p_elbow) > 0.03 or not look:
         return None
     from_elbow = vertices_of(look, X[arm.hand]) - p_elbow
@@ -129,9 +120,9 @@ def _forearm_tip(X: Poses, arm: Arm, elbow: int, parts: Looks) -> np.ndarray | N
     return p_elbow + 0.8 * tip
 
 
-def on_wheels(robot: SourceRobot, parts: Looks) -> bool:
+def on_wheels(robot: SourceRobot) -> bool:
     """Whether the root link is on the floor, with wheels around it or a name so."""
-    bottoms = lowest_points(robot, parts).values()
+    bottoms = lowest_points(robot).values()
     if not bottoms:
         return False
     near = [robot.root, *(j.child for j in robot.joints.values())]
@@ -146,14 +137,14 @@ def _waist_above(floor: float, p_neck: np.ndarray) -> np.ndarray:
 
 
 def _waist_above_wheels(
-    robot: SourceRobot, anatomy: Arms, p_neck: np.ndarray, parts: Looks
+    robot: SourceRobot, anatomy: Arms, p_neck: np.ndarray
 ) -> np.ndarray | None:
     """The waist of a robot whose root is on wheels; None for others.
 
     It is where the trunk turns, if that is at a waist's height, else at a person's
     share of the neck's height.
     """
-    if not on_wheels(robot, parts):
+    if not on_wheels(robot):
         return None
     X = robot.poses()
     turns = [
@@ -193,7 +184,7 @@ def _waist_far_from_root(
 
 
 def guess_leg_and_head_frames(
-    robot: SourceRobot, anatomy: Arms, parts: Looks | None = None
+    robot: SourceRobot, anatomy: Arms
 ) -> tuple[dict[str, FrameChoice], list[str]]:
     """Hips, knees, feet and head, and which of them were not found.
 
@@ -207,19 +198,19 @@ def guess_leg_and_head_frames(
     legs = find_leg_chains(robot, anatomy)
     for side, leg in zip(("left", "right"), legs or (), strict=False):
         frames |= {f"{side}_{name}": at for name, at in _of_leg(robot, leg).items()}
-    head = _head(robot, anatomy, parts or {})
+    head = _head(robot, anatomy)
     if head is not None:
         frames["head"] = head
     wanted = [f"{side}_{name}" for side in ("left", "right") for name in LEG_POINTS]
     return frames, [name for name in (*wanted, "head") if name not in frames]
 
 
-def has_feet(robot: SourceRobot, anatomy: Arms, parts: Looks) -> bool:
+def has_feet(robot: SourceRobot, anatomy: Arms) -> bool:
     """Whether there are two legs, each with something at its end to stand on."""
     legs = find_leg_chains(robot, anatomy)
     ends = [leg.joints[-1].child for leg in legs or ()]
     return bool(ends) and all(
-        any(parts.get(link) for link in (end, *welded_below(robot, end)))
+        any(robot.looks.get(link) for link in (end, *welded_below(robot, end)))
         for end in ends
     )
 
@@ -238,7 +229,7 @@ def _of_leg(robot: SourceRobot, leg: Arm) -> dict[str, FrameChoice]:
     return frames
 
 
-def _head(robot: SourceRobot, anatomy: Arms, parts: Looks) -> FrameChoice | None:
+def _head(robot: SourceRobot, anatomy: Arms) -> FrameChoice | None:
     X = robot.poses()
     _, middle, shoulders = np.mean(
         [X[arm.joints[0].child].translation() for arm in anatomy], axis=0
@@ -248,9 +239,9 @@ def _head(robot: SourceRobot, anatomy: Arms, parts: Looks) -> FrameChoice | None
     apart |= {joint.parent for arm in anatomy for joint in robot.path_to(arm.hand)}
     found = {}
     for link in robot.below(robot.root):
-        if link in apart or not parts.get(link):
+        if link in apart or not robot.looks.get(link):
             continue
-        p = vertices_of(parts[link], X[link])
+        p = vertices_of(robot.looks[link], X[link])
         above = p[p[:, 2] > shoulders + _ABOVE]
         if len(above) and above[:, 1].min() < middle < above[:, 1].max():
             size = float(np.prod(np.ptp(above, axis=0)))

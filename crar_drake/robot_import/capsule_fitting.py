@@ -376,7 +376,7 @@ def _surface_points(parts: Sequence[Part]) -> np.ndarray:
         vertices = part.vertices
         if len(vertices) > count:
             vertices = vertices[rng.choice(len(vertices), count, replace=False)]
-        chosen += [np.asarray(sampled), vertices, _hull_vertices(part.vertices)]
+        chosen += [np.asarray(sampled), vertices, hull_vertices(part.vertices)]
     return np.concatenate(chosen)
 
 
@@ -416,7 +416,7 @@ def _shrunk(capsule: FittedCapsule, slack: float) -> FittedCapsule:
 
 def _fit_capsule(points: np.ndarray) -> FittedCapsule:
     """The smallest capsule found that encloses all points."""
-    corners = _hull_vertices(points)
+    corners = hull_vertices(points)
     centre = corners.mean(axis=0)
     # Of fewer than three corners the reduced factorization lacks directions; of many
     # the full one has a matrix with as many columns as corners.
@@ -477,7 +477,8 @@ def _frame(direction: np.ndarray) -> np.ndarray:
     return np.stack([x, np.cross(direction, x), direction], axis=1)
 
 
-def _hull_vertices(points: np.ndarray) -> np.ndarray:
+def hull_vertices(points: np.ndarray) -> np.ndarray:
+    """(V, 3) those of points (N, 3) that their hull has; all where there is none."""
     try:
         return points[ConvexHull(points).vertices]
     except (QhullError, ValueError):  # flat, or too few

@@ -29,7 +29,7 @@ _HEADER = """\
 # else in this folder is made from this file and will be overwritten.
 """
 
-# What is written above each key.
+# What each key is, as it is written above it.
 _COMMENTS = {
     "source": "the robot's own file, URDF, SDF or MJCF",
     "srdf": "its posture is where the robot rests, and its disabled pairs may touch",
@@ -69,47 +69,30 @@ class FrameChoice:
 
 @dataclass
 class ImportChoices:
-    """The keys of an import file; None is a key that is left out."""
+    """The keys of an import file (`_COMMENTS`); None is a key that is left out."""
 
-    # path of the URDF, SDF or MJCF (relative to the file), or `example-robot-data:` and
-    # its path in that package
+    # relative to the file, or `example-robot-data:` and its path in that package
     source: str = ""
     # folders in which the URDF's packages are looked for
     package_paths: list[str] = field(default_factory=list)
     name: str = ""  # of the robot
-    # path of an SRDF (relative to the file), whose posture is the rest posture and
-    # whose disabled pairs are not watched, where these are guessed; "" for none
-    srdf: str = ""
-    posture: str = ""  # the SRDF's `group_state`; "" for the one that a robot rests in
-    # "z" if all meshes have z up, whatever they say, or "file" if DAE meshes are to be
-    # turned as they say; None where none says anything else
-    up_axis: str | None = None
-    # axis of the root link that points up, one of `AXES`; None is z
-    up: str | None = None
-    facing: str | None = None  # axis of the root link that points ahead, one of `AXES`
-    # "prescribed" (three prismatic joints and a heading between world and root link,
-    # driven by the motion), "floating" (by a quaternion, for reference motions and for
-    # standing) or "fixed"
+    srdf: str = ""  # relative to the file; counts where posture and pairs are guessed
+    posture: str = ""  # "" for the one that a robot rests in
+    up_axis: str | None = None  # None where no mesh says anything but z
+    up: str | None = None  # None is z
+    facing: str | None = None
     base: str | None = None
-    # groups (`GROUPS`) whose joints are locked where `locked` is guessed; None is all
-    # that no arm needs
+    # where `locked` is guessed; None is all that no arm needs
     lock: list[str] | None = None
-    locked: dict[str, float] | None = None  # joint to where it is welded [rad or m]
-    # link to the links welded to it that are one segment with it: they get common
-    # capsules, which are its own
+    locked: dict[str, float] | None = None
     segments: dict[str, list[str]] | None = None
-    frames: dict[str, FrameChoice] | None = None  # a motion's point to its place
-    rest_posture: dict[str, float] | None = None  # joint to position [rad or m]
-    pairs: list[list[str]] | None = None  # watched segment pairs, two links each
-    # height of the ground in the world [m], which all links are watched against; minus
-    # infinity for none
+    frames: dict[str, FrameChoice] | None = None
+    rest_posture: dict[str, float] | None = None
+    pairs: list[list[str]] | None = None
     ground: float | None = None
-    # link to the corners of its flat sole, in the link's frame [m]
     soles: dict[str, list[list[float]]] = field(default_factory=dict)
     excess: float = 0.02  # that a capsule may stick out of its link's hull [m]
     most_capsules: int = 16  # per link, at most
-    # whether the capsules are grown until they hold all triangles, by which meshes are
-    # clear wherever capsules are
     cover: bool = False
     # triangles per part that a recording shows, at most about; a whole robot's recorded
     # page is below 10 MB then

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from crar_drake.robot_import.capsule_fitting import Fit, FittedCapsule, judged
+from crar_drake.robot_import.capsule_fitting import Fit, judged
 from crar_drake.robot_import.meshes import Part
 
 # A piece of a triangle has no longer edge than this [m].
@@ -19,18 +19,15 @@ LONGEST_EDGE = 4e-3
 _ROUNDING = 1e-7
 
 
-def cover(capsules: tuple[FittedCapsule, ...], parts: list[Part]) -> list[float]:
-    """By how much each capsule's radius must grow for all to hold a link's triangles.
-
-    Returns:
-        (C) growths of the radii [m], 0 where a capsule need not grow.
-    """
-    growth = np.zeros(len(capsules))
+def covered(fit: Fit, parts: list[Part]) -> tuple[Fit, float]:
+    """A fit whose capsules are grown to hold all triangles of a link's parts; the
+    largest growth of a radius [m]."""
+    growth = np.zeros(len(fit.capsules))
     corners = np.concatenate([_pieces(part) for part in parts])
     outside = np.stack(
         [
             capsule.distance(corners.reshape(-1, 3)).reshape(-1, 3).max(axis=1)
-            for capsule in capsules
+            for capsule in fit.capsules
         ]
     )
     # The farthest first: a capsule that has grown for it may hold others for nothing.
@@ -42,17 +39,11 @@ def cover(capsules: tuple[FittedCapsule, ...], parts: list[Part]) -> list[float]
             continue
         nearest = int(np.argmin(missing))
         growth[nearest] += missing[nearest] + _ROUNDING
-    return growth.tolist()
-
-
-def covered(fit: Fit, parts: list[Part]) -> tuple[Fit, float]:
-    """A fit whose capsules are grown to hold all triangles; the largest growth [m]."""
-    growth = cover(fit.capsules, parts)
     capsules = tuple(
         replace(capsule, radius=capsule.radius + more)
-        for capsule, more in zip(fit.capsules, growth, strict=True)
+        for capsule, more in zip(fit.capsules, growth.tolist(), strict=True)
     )
-    return judged(capsules, parts), max(growth)
+    return judged(capsules, parts), float(growth.max())
 
 
 def _pieces(part: Part) -> np.ndarray:

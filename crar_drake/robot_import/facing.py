@@ -13,7 +13,7 @@ from crar_drake.robot_import.anatomy import (
     find_leg_chains,
     welded_below,
 )
-from crar_drake.robot_import.meshes import Looks, vertices_of
+from crar_drake.robot_import.meshes import vertices_of
 from crar_drake.robot_import.source_robot import SourceRobot
 
 # Axes of the root link, in its own frame; the usual way up comes first.
@@ -72,7 +72,7 @@ def _across(up: str) -> list[str]:
     return [axis for axis in ("+x", "+y", "+z") if axis[1] != up[1]]
 
 
-def guess_facing(robot: SourceRobot, parts: Looks, up: str = "+z") -> FacingGuess:
+def guess_facing(robot: SourceRobot, up: str = "+z") -> FacingGuess:
     """The axis of the root link that the robot looks along.
 
     Arms that mirror each other leave two directions; which of them is the front is
@@ -86,7 +86,7 @@ def guess_facing(robot: SourceRobot, parts: Looks, up: str = "+z") -> FacingGues
             break
     else:
         return FacingGuess(_across(up)[0], "no pair of mirrored arms was found")
-    named, toes = _named_left(anatomy), _toes(there, anatomy, parts)
+    named, toes = _named_left(anatomy), _toes(there, anatomy)
     votes = {"the names of left and right": named, "the feet": toes}
     said = [what for what, sign in votes.items() if sign]
     if not said:
@@ -122,14 +122,15 @@ def side_of_names(a: str, b: str) -> int:
     return {("l", "r"): 1, ("r", "l"): -1}.get(first, 0)
 
 
-def _toes(robot: SourceRobot, anatomy: Arms, parts: Looks) -> int:
+def _toes(robot: SourceRobot, anatomy: Arms) -> int:
     """1 if both feet reach farther to +x than to -x, -1 the other way, else 0."""
     signs, X = set(), robot.poses()
-    for leg in find_legs(robot, anatomy):
+    for chain in find_leg_chains(robot, anatomy) or ():
+        leg = chain.joints[-1].child
         points = [
-            vertices_of(parts[link], X[link])
+            vertices_of(robot.looks[link], X[link])
             for link in (leg, *welded_below(robot, leg))
-            if parts.get(link)
+            if robot.looks.get(link)
         ]
         if not points:
             return 0
@@ -138,9 +139,3 @@ def _toes(robot: SourceRobot, anatomy: Arms, parts: Looks) -> int:
         long = x.max() - x.min()
         signs.add(int(np.sign(ahead)) if abs(ahead) > _TOES * long else 0)
     return signs.pop() if len(signs) == 1 else 0
-
-
-def find_legs(robot: SourceRobot, anatomy: Arms | None) -> list[str]:
-    """The foot's moving link of the left leg and of the right one, or nothing."""
-    legs = find_leg_chains(robot, anatomy)
-    return [leg.joints[-1].child for leg in legs] if legs else []

@@ -1,6 +1,6 @@
 """What an import tells of what it made of a robot."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -36,6 +36,11 @@ class ImportReport:
     def capsules(self) -> dict[str, tuple[FittedCapsule, ...]]:
         """Link to its capsules, of those that have some of their own."""
         return {n: f.capsules for n, f in self.fits.items() if n not in self.covered}
+
+    def note(self, what: str, names: Sequence[str]) -> None:
+        """A line that tells what is so of some names, if there are any."""
+        if names:
+            self.notes.append(f"{what}: {', '.join(names)}")
 
     def lines(self) -> list[str]:
         """The report as text."""

@@ -30,7 +30,8 @@ from crar_drake.robot_import.link_bodies import (
     find_inertias,
 )
 from crar_drake.robot_import.link_fits import FitCache, LinkFits
-from crar_drake.robot_import.meshes import Part, guess_up_axis, link_parts
+from crar_drake.robot_import.meshes import Looks, guess_up_axis, with_looks
+from crar_drake.robot_import.picture import draw_robot
 from crar_drake.robot_import.rest_posture import (
     guess_rest_posture,
     rest_positions,
@@ -39,15 +40,15 @@ from crar_drake.robot_import.rest_posture import (
 from crar_drake.robot_import.robot_files import PACKAGE_SCHEME, find_urdf
 from crar_drake.robot_import.robot_folder import (
     DESCRIPTION,
+    PICTURE,
     REPORT,
     URDF,
-    draw_picture,
     remove_old_triangles,
     write_description,
     write_meshes,
 )
 from crar_drake.robot_import.source_file import read_robot
-from crar_drake.robot_import.source_robot import WORLD, Positions, SourceRobot
+from crar_drake.robot_import.source_robot import WORLD, SourceRobot
 from crar_drake.robot_import.structure import (
     check_structure,
     face_ahead,
@@ -140,18 +141,16 @@ def import_robot(
         robot = with_semantics(robot, report)
     if choices.up_axis is None and (guess := guess_up_axis(robot)) is not None:
         choices.up_axis, report.guessed["up_axis"] = guess
-    up_axis = choices.up_axis or "z"
-    parts = {name: link_parts(link, up_axis) for name, link in robot.links.items()}
-    robot = face_ahead(robot, parts, report)
+    robot = face_ahead(with_looks(robot, choices.up_axis or "z"), report)
     refuse_hand(robot)
-    guess_structure(robot, parts, report)
+    guess_structure(robot, report)
     try:
-        locked = check_structure(robot, report)
+        robot = check_structure(robot, report)
     except ModelError:
         save_choices(file, choices, report.guessed)  # so that it can be corrected
         raise
 
-    segments = merge_segments(robot, locked, parts, choices)
+    segments = merge_segments(robot, choices)
     cache = FitCache(out / "meshes" / "fits.json")
     fits = LinkFits(robot, segments, link_twins(robot), cache)
     found: dict[str, Fit | None] = {}
@@ -165,12 +164,12 @@ def import_robot(
     report.fits = {name: found[name] for name in segments if found[name] is not None}
     if file.is_file():
         cache.save()  # what is refused below need not be fitted again
-    find_covered(robot, locked, segments, report)
+    find_covered(robot, segments, report)
     if choices.cover:
         progress("covering", 1.0)
-        cover_triangles(robot, locked, segments, report)
+        cover_triangles(robot, segments, report)
     with whole_set(out, DESCRIPTION) as made:
-        _make(made, robot, locked, parts, segments, fits, report, progress)
+        _make(made, robot, segments, fits, report, progress)
         save_choices(file, choices, report.guessed)
         write_whole(made / REPORT, "\n".join(report.lines()) + "\n")
         remove_old_triangles(made, out)
@@ -181,9 +180,7 @@ def import_robot(
 def _make(
     folder: Path,
     robot: SourceRobot,
-    locked: dict[str, float],
-    parts: dict[str, list[Part]],
-    segments: dict[str, list[Part]],
+    segments: Looks,
     fits: LinkFits,
     report: ImportReport,
     progress: Progress,
@@ -191,11 +188,11 @@ def _make(
     """Makes the model, its description, meshes and picture in a folder, and the
     choices that need them."""
     choices, file = report.choices, report.file
-    inertias = find_inertias(robot, locked, parts, report)
-    _note_joints(robot, locked, report)
+    inertias = find_inertias(robot, report)
+    _note_joints(robot, report)
     progress("writing meshes", 1.0)
-    visuals, drawn = write_meshes(folder, parts, choices.faces)
-    guess_rest_posture(robot, locked, parts, report)
+    visuals, drawn = write_meshes(folder, robot.looks, choices.faces)
+    guess_rest_posture(robot, report)
     # A robot with a waist stands on the floor, although its base is fixed.
     rest_posture = dict(choices.rest_posture)
     lifted = choices.base != "prescribed" and "waist_z" not in robot.joints
@@ -213,7 +210,6 @@ def _make(
             choices.name,
             base=choices.base,
             height=height,
-            locked=locked,
             frames=choices.frames,
             visuals=visuals,
             capsules=report.capsules(),
@@ -240,7 +236,7 @@ def _make(
     # With all triangles held there is nothing to be closer.
     if not choices.cover:
         progress("comparing capsules with meshes", 1.0)
-        if tighten(plant, robot, locked, segments, rest, fits, report):
+        if tighten(plant, robot, segments, rest, fits, report):
             write()
             plant = _parse(description)
     anatomy = find_anatomy(robot)
@@ -248,23 +244,22 @@ def _make(
     floating = choices.base == "floating"
     report.warnings += frame_alarms(robot, anatomy, choices.frames, floating)
     report.notes += turned_hands(robot, choices.frames)
-    report.warnings += number_alarms(robot, locked)
-    report.warnings += mirrored_range_alarms(robot, anatomy, locked)
+    report.warnings += number_alarms(robot)
+    report.warnings += mirrored_range_alarms(robot, anatomy)
     if anatomy is not None:
         height = choices.rest_posture.get("waist_z", 0.0)
-        posture = {**rest_posture, **locked}
-        report.warnings += floor_alarms(robot, parts, posture, height, anatomy)
+        report.warnings += floor_alarms(robot, rest_posture, height, anatomy)
     progress("sampling pairs", 1.0)
     overlapping = choose_pairs(plant, robot, rest, report)
     report.warnings += pair_alarms(
-        robot, locked, segments, rest_posture, choices.pairs, overlapping
+        robot, segments, rest_posture, choices.pairs, overlapping
     )
     description.pairs = choices.pairs
     watch_ground(description, plant, rest, report)
     description.validate()
     write_description(folder, description)
     progress("drawing", 1.0)
-    draw_picture(folder, plant, description, rest, drawn, report.capsules())
+    draw_robot(folder / PICTURE, plant, description, rest, drawn, report.capsules())
 
 
 def check_installed() -> None:
@@ -320,25 +315,21 @@ def _locate(source: str, out: Path) -> Path:
     return find_urdf(beside if beside.is_file() else source)[0]
 
 
-def _note_joints(robot: SourceRobot, locked: Positions, report: ImportReport) -> None:
-    moving = [j for j in robot.joints.values() if j.moves and j.name not in locked]
-    report.notes.append(f"controlled joints: {', '.join(j.name for j in moving)}")
+def _note_joints(robot: SourceRobot, report: ImportReport) -> None:
+    moving = robot.controlled
+    report.note("controlled joints", [j.name for j in moving])
     sliding = [j for j in moving if j.kind == "prismatic"]
-    if sliding:
-        report.notes.append(
-            "joints that slide, with positions in m, speeds in m/s and efforts in N: "
-            + ", ".join(f"{j.name} ({j.lower:g} to {j.upper:g} m)" for j in sliding)
-        )
+    report.note(
+        "joints that slide, with positions in m, speeds in m/s and efforts in N",
+        [f"{j.name} ({j.lower:g} to {j.upper:g} m)" for j in sliding],
+    )
     lacking = {
         "limits": [j.name for j in moving if not np.isfinite(j.lower)],
         "an effort limit": [j.name for j in moving if not j.effort],
         "a velocity limit": [j.name for j in moving if not j.velocity],
     }
-    report.notes += [
-        f"joints without {what}: {', '.join(names)}"
-        for what, names in lacking.items()
-        if names
-    ]
+    for what, names in lacking.items():
+        report.note(f"joints without {what}", names)
     report.notes.append("every controlled joint was given an actuator of its name")
 
 

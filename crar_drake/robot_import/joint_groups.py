@@ -10,7 +10,7 @@ from crar_drake.robot_import.anatomy import (
     find_leg_chains,
     longest_chains,
 )
-from crar_drake.robot_import.meshes import Looks, vertices_of
+from crar_drake.robot_import.meshes import vertices_of
 from crar_drake.robot_import.source_robot import Joint, SourceRobot
 
 # What is locked unless the import file says otherwise: all that no arm needs.
@@ -22,9 +22,7 @@ _LEG_START = 0.7  # that a leg starts at, at most
 _HEAD_START = 0.5  # that a neck starts at, at least
 
 
-def joint_groups(
-    robot: SourceRobot, anatomy: Arms | None, parts: Looks | None = None
-) -> dict[str, str]:
+def joint_groups(robot: SourceRobot, anatomy: Arms | None) -> dict[str, str]:
     """Each joint that is not fixed, to one of `choices.GROUPS`.
 
     Arms are those of the anatomy, the trunk is what carries both. Two mirrored legs are
@@ -42,12 +40,13 @@ def joint_groups(
     last = {end.name for end in ends}
     legs = find_leg_chains(robot, anatomy)
     in_arms, in_legs = anatomy.joints, legs.joints if legs else set()
-    extents = _Extents(robot, anatomy, parts or {})
+    extents = _Extents(robot, anatomy)
     for link in robot.below(robot.root):
         joint = robot.parent_joint(link)
         if joint is None or joint.kind == "fixed":
             continue
-        above = _moving_above(robot, joint)
+        way_down = [j for j in robot.path_to(joint.parent) if j.kind != "fixed"]
+        above = way_down[-1] if way_down else None
         if joint.name in way:
             group = "arms" if joint.name in in_arms else "trunk"
         elif joint.name in in_legs:
@@ -84,13 +83,12 @@ def _of_one_arm(robot: SourceRobot) -> dict[str, str]:
 def guess_locked(
     robot: SourceRobot,
     anatomy: Arms | None,
-    parts: Looks | None = None,
     lock: Sequence[str] = DEFAULT_LOCK,
 ) -> dict[str, float]:
     """The joints of some groups (`choices.GROUPS`), at zero or where their limits let
     them be nearest, and those that cannot be controlled; of arms those are in the
     middle of their range [rad or m]."""
-    groups = joint_groups(robot, anatomy, parts)
+    groups = joint_groups(robot, anatomy)
     bound = uncontrollable(robot)
 
     def place(joint: Joint) -> float:
@@ -131,24 +129,16 @@ def uncontrollable(robot: SourceRobot) -> set[str]:
     return {name for name in found if robot.joints[name].kind != "fixed"}
 
 
-def _moving_above(robot: SourceRobot, joint: Joint) -> Joint | None:
-    """The next joint towards the root that is not fixed."""
-    above = robot.parent_joint(joint.parent)
-    while above is not None and above.kind == "fixed":
-        above = robot.parent_joint(above.parent)
-    return above
-
-
 class _Extents:
     """From where to where the branches of a trunk reach."""
 
-    def __init__(self, robot: SourceRobot, anatomy: Arms, parts: Looks) -> None:
+    def __init__(self, robot: SourceRobot, anatomy: Arms) -> None:
         self._robot = robot
         X = robot.poses()
         self._start = {link: X[link].translation()[2] for link in robot.links}
         self._ends = {}  # of each link, its lowest and its highest place
         for link, z in self._start.items():
-            look = parts.get(link)
+            look = robot.looks.get(link)
             heights = np.append(vertices_of(look, X[link])[:, 2] if look else [], z)
             self._ends[link] = heights.min(), heights.max()
         self._neck = float(np.mean([self._start[a.joints[0].child] for a in anatomy]))

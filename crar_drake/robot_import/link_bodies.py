@@ -13,7 +13,6 @@ from crar_drake.robot_import.source_robot import (
     WORLD,
     Inertia,
     Link,
-    Positions,
     SourceRobot,
 )
 from crar_drake.robot_import.structure import welded_groups
@@ -24,12 +23,10 @@ _SMALL_INERTIA = 1e-6  # [kg m^2]
 _MOST = 5  # links without mass that are named
 
 
-def find_covered(
-    robot: SourceRobot, locked: Positions, segments: Looks, report: ImportReport
-) -> None:
+def find_covered(robot: SourceRobot, segments: Looks, report: ImportReport) -> None:
     """Links that lie inside another link's capsules need none of their own."""
-    group = welded_groups(robot, locked)
-    X = robot.poses(locked)
+    group = welded_groups(robot)
+    X = robot.posed()
     by_size = sorted(
         report.fits, key=lambda name: np.ptp(vertices_of(segments[name]), axis=0).max()
     )
@@ -43,11 +40,9 @@ def find_covered(
                 break
 
 
-def cover_triangles(
-    robot: SourceRobot, locked: Positions, segments: Looks, report: ImportReport
-) -> None:
+def cover_triangles(robot: SourceRobot, segments: Looks, report: ImportReport) -> None:
     """Grows each link's capsules to hold its triangles, and those of links inside."""
-    X, grown = robot.poses(locked), {}
+    X, grown = robot.posed(), {}
     for name in report.fits:
         if name in report.covered:
             continue
@@ -56,18 +51,15 @@ def cover_triangles(
             X_LO = X[name].inverse() @ X[other]
             parts += [part.moved(X_LO) for part in segments[other]]
         report.fits[name], grown[name] = covered(report.fits[name], parts)
-    growth = ", ".join(f"{name} {1e3 * by:.1f}" for name, by in grown.items())
-    report.notes.append(
-        "capsules were grown until they hold all triangles, the radii by at most [mm]: "
-        + growth
+    report.note(
+        "capsules were grown until they hold all triangles, the radii by at most [mm]",
+        [f"{name} {1e3 * by:.1f}" for name, by in grown.items()],
     )
 
 
-def find_inertias(
-    robot: SourceRobot, locked: Positions, parts: Looks, report: ImportReport
-) -> dict[str, Inertia]:
+def find_inertias(robot: SourceRobot, report: ImportReport) -> dict[str, Inertia]:
     """The URDF's inertias, and a stand-in where the dynamics need one."""
-    group = welded_groups(robot, locked)
+    group = welded_groups(robot)
     inertias: dict[str, Inertia] = {}
     wrong: dict[str, str] = {}
     for name, link in robot.links.items():
@@ -75,7 +67,7 @@ def find_inertias(
         if inertia is not None:
             inertias[name] = inertia
         elif link.mass > 0.0:
-            inertias[name] = stand_in(parts[name], link.mass)
+            inertias[name] = stand_in(robot.looks[name], link.mass)
             report.notes.append(
                 f"inertia: link {name} {complaint}: taken from its convex hull"
             )
@@ -87,9 +79,9 @@ def find_inertias(
         if group[name] in massive or group[name] == robot.root:
             left_alone.append(name)
             continue
-        inertias[name] = stand_in(parts[name], 0.0)
+        inertias[name] = stand_in(robot.looks[name], 0.0)
         massive.add(group[name])
-        if not parts[name]:
+        if not robot.looks[name]:
             bare.append(name)
             continue
         report.notes.append(
@@ -134,7 +126,7 @@ def stand_in(parts: list[Part], mass: float) -> Inertia:
     if not hulls:
         mass = mass or _SMALL_MASS
         return Inertia(mass, RigidTransform(), np.eye(3) * _SMALL_INERTIA)
-    hull = trimesh.util.concatenate([trimesh.Trimesh(*each) for each in hulls])
+    hull = trimesh.util.concatenate(hulls)
     hull.density = mass / hull.volume if mass else _DENSITY
     moments = np.asarray(hull.moment_inertia)
     return Inertia(float(hull.mass), RigidTransform(hull.center_mass), moments)

@@ -89,7 +89,7 @@ def read_link_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Lin
             pose = inspector.GetPoseInFrame(geometry)
             shape = _shape(inspector.GetShape(geometry), pose, name)
             if shape is not None:
-                parts += _of_import(shape) or link_parts(Link(name, (shape,), (), None))
+                parts += _of_import(shape) or link_parts(Link(name, (shape,)))
         if parts:
             meshes.append(LinkMesh(name, body.index(), parts))
     return meshes

@@ -6,8 +6,9 @@ import numpy as np
 from pydrake.geometry import Capsule, Role, SceneGraph, Sphere
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, RigidBody
-from scipy.spatial import ConvexHull, QhullError
 
+from crar_drake.robot.collision_pairs import standing_points
+from crar_drake.robot_import.capsule_fitting import hull_vertices
 from crar_drake.robot_import.link_meshes import LinkMesh, has_meshes, read_link_meshes
 from crar_drake.robot_import.meshes import vertices_of
 
@@ -30,7 +31,7 @@ def link_outlines(
         if meshes is None:
             meshes = read_link_meshes(plant, scene_graph)
         for link in meshes:
-            hull = _hull(vertices_of(link.parts))
+            hull = hull_vertices(vertices_of(link.parts))
             outlines[link.name] = LinkOutline(hull, np.zeros(len(hull)))
     else:
         outlines = capsule_outlines(plant, scene_graph)
@@ -63,19 +64,11 @@ def capsule_outlines(
         frame = plant.GetBodyFrameIdOrThrow(body.index())
         for geometry in inspector.GetGeometries(frame, Role.kProximity):
             shape = inspector.GetShape(geometry)
-            if not isinstance(shape, Sphere | Capsule):
-                continue
-            half = shape.length() / 2.0 if isinstance(shape, Capsule) else 0.0
-            X_BG = inspector.GetPoseInFrame(geometry)
-            points += [X_BG.multiply(np.array([0, 0, s * half])) for s in (-1, 1)]
-            radii += [shape.radius()] * 2
+            if isinstance(shape, Sphere | Capsule):
+                X_BG = inspector.GetPoseInFrame(geometry)
+                for p_G, radius in standing_points(shape):
+                    points.append(X_BG.multiply(p_G))
+                    radii.append(radius)
         if points:
             outlines[body.name()] = LinkOutline(np.array(points), np.array(radii))
     return outlines
-
-
-def _hull(vertices: np.ndarray) -> np.ndarray:
-    try:
-        return vertices[ConvexHull(vertices).vertices]
-    except QhullError:  # it is flat, or a needle
-        return vertices

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.math import RigidTransform
 
 from crar_drake.errors import ModelError
 from crar_drake.files import write_whole
+from crar_drake.judging.mesh_distance import TriangleMesh, triangle_distance
 from crar_drake.robot.mesh_files import Y_UP, Z_UP, read_meshes
 from crar_drake.robot_import.source_robot import (
     Link,
@@ -25,6 +27,9 @@ from crar_drake.robot_import.source_robot import (
     Shape,
     SourceRobot,
 )
+
+if TYPE_CHECKING:
+    import trimesh
 
 _HEAD = 20_000  # bytes of a DAE file, which its asset element is within
 GREY = (0.7, 0.7, 0.7, 1.0)
@@ -68,33 +73,14 @@ class Surfaces:
 
     def __init__(self, segments: Looks) -> None:
         self._segments = segments
-        self._trees: dict = {}
+        self._meshes: dict[str, TriangleMesh] = {}
 
     def gap(self, X: Poses, a: str, b: str) -> float:
         """Distance of two links' nearest triangles; 0 where some intersect [m]."""
-        import fcl
-
-        placed = [
-            fcl.CollisionObject(
-                self._tree(name),
-                fcl.Transform(X[name].rotation().matrix(), X[name].translation()),
-            )
-            for name in (a, b)
-        ]
-        found = fcl.distance(*placed, fcl.DistanceRequest(), fcl.DistanceResult())
-        return max(0.0, float(found))
-
-    def _tree(self, name: str):
-        import fcl
-
-        if name not in self._trees:
-            vertices, faces = triangles_of(self._segments[name])
-            tree = fcl.BVHModel()
-            tree.beginModel(len(vertices), len(faces))
-            tree.addSubModel(vertices, faces)
-            tree.endModel()
-            self._trees[name] = tree
-        return self._trees[name]
+        for name in {a, b} - set(self._meshes):
+            self._meshes[name] = TriangleMesh(*triangles_of(self._segments[name]))
+        X_AB = X[a].InvertAndCompose(X[b])
+        return max(0.0, triangle_distance(self._meshes[a], self._meshes[b], X_AB))
 
 
 def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
@@ -113,15 +99,21 @@ def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
     ]
 
 
+def with_looks(robot: SourceRobot, up_axis: str = "z") -> SourceRobot:
+    """The robot with the looks of its links; arguments and errors as `link_parts`."""
+    looks = {name: link_parts(link, up_axis) for name, link in robot.links.items()}
+    return replace(robot, looks=looks)
+
+
 def lowest_points(
-    robot: SourceRobot, parts: Looks, positions: Positions | None = None
+    robot: SourceRobot, positions: Positions | None = None
 ) -> dict[str, float]:
-    """How low each link that has a look reaches, joints being at zero or where
-    `positions` says [m]."""
-    X = robot.poses(positions)
+    """How low each link that has a look reaches [m], joints being where they are
+    locked, at zero or where `positions` says."""
+    X = robot.posed(positions)
     return {
         link: float(vertices_of(of_link, X[link])[:, 2].min())
-        for link, of_link in parts.items()
+        for link, of_link in robot.looks.items()
         if of_link
     }
 
@@ -250,8 +242,8 @@ def _colour(mesh) -> tuple[float, ...] | None:
     return tuple(round(float(c), 4) for c in colour)
 
 
-def convex_hulls(parts: Sequence[Part]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Vertices and faces of each part's convex hull; flat parts have none."""
+def convex_hulls(parts: Sequence[Part]) -> list[trimesh.Trimesh]:
+    """Each part's convex hull; flat parts have none."""
     import trimesh
     from scipy.spatial import QhullError
 
@@ -266,7 +258,7 @@ def convex_hulls(parts: Sequence[Part]) -> list[tuple[np.ndarray, np.ndarray]]:
         except QhullError:
             continue
         if volume > 1e-9:
-            hulls.append((np.asarray(hull.vertices), np.asarray(hull.faces)))
+            hulls.append(hull)
     return hulls
 
 

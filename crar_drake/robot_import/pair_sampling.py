@@ -99,11 +99,9 @@ class PairDistances:
         """(K, N) of every pair in each posture (K, nq) [m]."""
         rows = np.concatenate(self._rows)
         starts = np.cumsum([0, *(len(r) for r in self._rows[:-1])])
-        R, p_F = self._place(q)
-        p = np.einsum("kcxy,cey->kcex", R[:, self._frame], self._ends)
-        p += p_F[:, self._frame, np.newaxis]
-        d = self._distances(p[:, rows[:, 0]], p[:, rows[:, 1]], rows[:, 0], rows[:, 1])
-        return np.minimum.reduceat(d[0].reshape(len(q), -1), starts, axis=1)
+        of = np.repeat(np.arange(len(q)), len(rows))
+        d, *_ = self._distances(*self._place(q), of, np.tile(rows, (len(q), 1)))
+        return np.minimum.reduceat(d.reshape(len(q), -1), starts, axis=1)
 
     def of_each(self, pairs: np.ndarray, q: np.ndarray):
         """(K,) of one pair in each posture [m], and (K, n) its gradient.
@@ -116,11 +114,7 @@ class PairDistances:
         length = [len(self._rows[pair]) for pair in pairs]
         rows = np.concatenate([self._rows[pair] for pair in pairs])
         of = np.repeat(np.arange(len(pairs)), length)
-        d, normal, p_A, p_B = self._distances(
-            *(self._axes_of(R, p, of, rows[:, side]) for side in (0, 1)),
-            rows[:, 0],
-            rows[:, 1],
-        )
+        d, normal, p_A, _ = self._distances(R, p, of, rows)
         starts = np.cumsum([0, *length[:-1]])
         least = np.minimum.reduceat(d, starts)
         # The first row of each posture that has its least distance.
@@ -131,13 +125,12 @@ class PairDistances:
             (R[:, own] @ way[single, :, np.newaxis])[..., 0]
             for way in (self._joints.turns, self._joints.slides)
         )
+        # The normal goes through the points of both: one of them says how it is moved.
+        moved = np.cross(turns, p_A[at, np.newaxis] - p[:, own]) + slides
+        by = self._joints.moved_by[self._frame[rows[at]]][..., single].astype(float)
         gradient = np.zeros_like(q)
-        for side, points, sign in ((0, p_A, 1.0), (1, p_B, -1.0)):
-            arms = points[at, np.newaxis] - p[:, own]
-            moved = np.cross(turns, arms) + slides
-            along = np.einsum("knx,kx->kn", moved, normal[at])
-            by = self._joints.moved_by[self._frame[rows[at, side]]][:, single]
-            gradient[:, self._columns] += sign * np.where(by, along, 0.0)
+        along = np.einsum("knx,kx->kn", moved, normal[at])
+        gradient[:, self._columns] = along * (by[:, 0] - by[:, 1])
         return least, gradient
 
     def _place(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -147,22 +140,15 @@ class PairDistances:
         X = link_poses(posture, tree, tree.every).reshape(len(q), -1, 4, 3)
         return X[:, :, :3].swapaxes(2, 3), X[:, :, 3]
 
-    def _axes_of(self, R, p, of: np.ndarray, shapes: np.ndarray):
-        """(N, 2, 3) of one capsule each, in the postures `of`."""
-        frames = self._frame[shapes]
-        turned = self._ends[shapes] @ np.swapaxes(R[of, frames], 1, 2)
-        return turned + p[of, frames][:, np.newaxis]
-
-    def _distances(self, p_a, p_b, i, j):
-        count = p_a.size // (6 * len(i))
-        p_a, p_b = (np.ascontiguousarray(p.reshape(-1, 2, 3)) for p in (p_a, p_b))
-        radii = [np.tile(self._radius[k], count) for k in (i, j)]
-        return capsule_distances(
-            *(np.ascontiguousarray(p_a[:, e]) for e in (0, 1)),
-            radii[0],
-            *(np.ascontiguousarray(p_b[:, e]) for e in (0, 1)),
-            radii[1],
-        )
+    def _distances(self, R, p, of: np.ndarray, rows: np.ndarray):
+        """`capsule_distances` of pairs of capsules (N, 2), each in the posture `of`."""
+        capsules = []
+        for shapes in rows.T:
+            frames = self._frame[shapes]
+            turned = self._ends[shapes] @ np.swapaxes(R[of, frames], 1, 2)
+            ends = turned + p[of, frames][:, np.newaxis]
+            capsules += [ends[:, 0], ends[:, 1], self._radius[shapes]]
+        return capsule_distances(*capsules)
 
 
 def least_distances(
@@ -218,7 +204,7 @@ def sample_pairs(
     plant: MultibodyPlant,
     capsules: Capsules,
     rest: np.ndarray,
-    adjacent: set[frozenset[str]],
+    candidates: Sequence[tuple[str, str]],
     samples: int = SAMPLES,
     twins: Mapping[str, str] | None = None,
     always_watched: set[frozenset[str]] = frozenset(),
@@ -227,14 +213,13 @@ def sample_pairs(
 
     Args:
         plant: finalized.
-        capsules: their order is that of the pairs.
+        capsules: of the links.
         rest: (nq,) the rest posture.
-        adjacent: pairs that a joint connects, which always touch.
+        candidates: pairs that neither a joint nor a weld connects; those always touch.
         twins: link to the same one of the robot's other side: a pair is watched if its
             image is.
         always_watched: pairs that are watched although nothing was found.
     """
-    candidates = candidate_pairs(plant, capsules, adjacent)
     if not candidates:
         return SampledPairs([], [], [], 0)
     distances = PairDistances(plant, capsules, candidates)
@@ -273,29 +258,11 @@ def sample_pairs(
     return SampledPairs(watched, overlapping, always, never)
 
 
-def candidate_pairs(
-    plant: MultibodyPlant, capsules: Capsules, adjacent: set[frozenset[str]]
-) -> list[tuple[str, str]]:
-    """Pairs of links with capsules that are neither joined nor welded."""
-    links = [name for name in capsules if capsules[name]]
-    welded = {
-        name: {b.name() for b in plant.GetBodiesWeldedTo(plant.GetBodyByName(name))}
-        for name in links
-    }
-    return [
-        (a, b)
-        for a, b in itertools.combinations(links, 2)
-        if frozenset((a, b)) not in adjacent and b not in welded[a]
-    ]
-
-
 def position_ranges(plant: MultibodyPlant) -> tuple[np.ndarray, np.ndarray]:
     """(n,) lower and upper positions that are worth trying: a whole turn at most."""
     lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-    unlimited = ~(np.isfinite(lower) & np.isfinite(upper))
-    lower = np.where(unlimited, np.maximum(lower, -np.pi), lower)
-    upper = np.where(unlimited, np.minimum(upper, lower + 2.0 * np.pi), upper)
-    lower = np.where(unlimited, np.maximum(lower, upper - 2.0 * np.pi), lower)
+    unlimited = ~np.isfinite(upper - lower)
+    lower[unlimited], upper[unlimited] = -np.pi, np.pi
     for index in plant.GetJointIndices():
         joint = plant.get_joint(index)
         if isinstance(joint, RevoluteJoint):

@@ -1,14 +1,14 @@
 """A picture of a robot's real meshes and of the capsules that stand for them."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
 
+from crar_drake.robot.description import RobotDescription
 from crar_drake.robot_import.capsule_fitting import Capsules, FittedCapsule
-from crar_drake.robot_import.meshes import Looks
-from crar_drake.robot_import.source_robot import Poses
+from crar_drake.robot_import.meshes import Looks, triangles_of
 
 # Name of a view -> the world's axes to the right, up and towards the viewer.
 _VIEWS = {
@@ -20,14 +20,14 @@ _LIGHT = np.array([0.4, 0.5, 0.8]) / np.linalg.norm([0.4, 0.5, 0.8])
 
 def draw_robot(
     path: Path,
-    title: str,
-    poses: Poses,
-    parts: Looks,
+    plant: MultibodyPlant,
+    description: RobotDescription,
+    rest: np.ndarray,
+    looks: Looks,
     capsules: Capsules,
-    points: Mapping[str, np.ndarray],
 ) -> None:
-    """Draws front and side view: the meshes, and over them the capsules and the
-    motion's points, (3,) each; these and the poses are in the world W [m]."""
+    """Draws front and side view, at rest (nq,): the meshes, and over them the capsules
+    and the motion's points."""
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 
@@ -35,7 +35,17 @@ def draw_robot(
 
     figure = Figure(figsize=(15, 10))
     axes = figure.subplots(1, 4)
-    triangles, colours = _triangles(poses, parts)
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, rest)
+    poses = {
+        name: plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
+        for name in looks
+    }
+    parts = [part.moved(poses[name]) for name in looks for part in looks[name]]
+    vertices, faces = triangles_of(parts)
+    triangles = vertices[faces]
+    rgba = [np.resize(part.rgba, 4) for part in parts]
+    colours = np.repeat(rgba, [len(part.faces) for part in parts], axis=0)
     lower, upper = triangles.min(axis=(0, 1)) - 0.1, triangles.max(axis=(0, 1)) + 0.1
     half_width = np.max(upper - lower - [0.0, 0.0, np.inf]) / 2.0
     for column, (name, axis) in enumerate(zip([*_VIEWS] * 2, axes, strict=True)):
@@ -66,8 +76,9 @@ def draw_robot(
                 ),
                 autolim=False,
             )
-            for label, p_W in points.items():
-                x, y, _ = view @ p_W
+            for label, frame in description.task_frames.items():
+                X_WP = plant.GetFrameByName(frame).CalcPoseInWorld(context)
+                x, y, _ = view @ X_WP.translation()
                 axis.plot(x, y, "k+", markersize=7)
                 axis.annotate(label, (x, y), fontsize=6, color="black")
         axis.set_aspect("equal")
@@ -76,29 +87,16 @@ def draw_robot(
         axis.set_ylim(lower[2], upper[2])
         axis.set_title(f"{name}{', capsules' if with_capsules else ''}")
         axis.set_xlabel("m")
-    figure.suptitle(title)
+    count = sum(map(len, capsules.values()))
+    figure.suptitle(f"{description.name}: meshes, and {count} capsules")
     figure.tight_layout()
     save_figure(figure, path, dpi=110)
 
 
-def _triangles(poses, parts) -> tuple[np.ndarray, np.ndarray]:
-    corners, colours = [np.empty((0, 3, 3))], [np.empty((0, 4))]
-    for link, of_link in parts.items():
-        X_WL = poses[link]
-        for part in of_link:
-            p_W = part.vertices @ X_WL.rotation().matrix().T + X_WL.translation()
-            corners.append(p_W[part.faces])
-            rgba = np.resize(np.asarray(part.rgba, dtype=float), 4)
-            colours.append(np.tile(rgba, (len(part.faces), 1)))
-    return np.concatenate(corners), np.concatenate(colours)
-
-
 def _shade(triangles, colours, view) -> np.ndarray:
-    normal = np.cross(
-        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    )
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = normal / np.maximum(length, 1e-15)
+    import trimesh
+
+    normal = trimesh.util.unitize(trimesh.triangles.cross(triangles))
     bright = 0.45 + 0.55 * np.abs((normal @ view.T) @ _LIGHT)
     shaded = colours.copy()
     shaded[:, :3] = np.clip(0.15 + 0.85 * colours[:, :3], 0, 1) * bright[:, None]

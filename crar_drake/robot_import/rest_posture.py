@@ -10,7 +10,6 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import RootPose, find_joint
-from crar_drake.robot_import.alarms import joints_between
 from crar_drake.robot_import.anatomy import (
     LATERAL,
     Arm,
@@ -24,7 +23,7 @@ from crar_drake.robot_import.anatomy import (
 from crar_drake.robot_import.capsule_fitting import Capsules
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.import_report import ImportReport
-from crar_drake.robot_import.meshes import Looks, lowest_points
+from crar_drake.robot_import.meshes import lowest_points
 from crar_drake.robot_import.pair_sampling import CLEAR, gaps
 from crar_drake.robot_import.source_robot import WORLD, Joint, Positions, SourceRobot
 
@@ -49,9 +48,7 @@ def rest_root_pose(robot: SourceRobot, height: float) -> RootPose:
     )
 
 
-def guess_rest_posture(
-    robot: SourceRobot, locked: Positions, parts: Looks, report: ImportReport
-) -> None:
+def guess_rest_posture(robot: SourceRobot, report: ImportReport) -> None:
     """Fills in the rest posture where the import file leaves it out."""
     choices = report.choices
     if choices.rest_posture is not None:
@@ -59,13 +56,11 @@ def guess_rest_posture(
     anatomy = find_anatomy(robot)
     own = bool(choices.srdf and robot.posture)
     if anatomy and not own:
-        rest, knees = _clear_rest(
-            robot, anatomy, locked, report.capsules(), choices.frames
-        )
+        rest, knees = _clear_rest(robot, anatomy, report.capsules(), choices.frames)
         also = " and knees" if knees else ""
         how = f"zero, arms a little out, elbows{also} bent, standing on the ground"
     else:
-        rest = guess_rest(robot, None, locked)
+        rest = guess_rest(robot, None)
         if own:
             how = f"a posture of {Path(choices.srdf).name}"
         elif robot.posture:
@@ -73,7 +68,7 @@ def guess_rest_posture(
         else:
             how = "the middle of each joint's range"
     if choices.base == "prescribed" or (anatomy and robot.root != WORLD):
-        bottoms = lowest_points(robot, parts, {**locked, **rest})
+        bottoms = lowest_points(robot, rest)
         height = -min(bottoms.values(), default=0.0)
         rest = {"waist_z": round(height, 4)} | rest
     choices.rest_posture = rest
@@ -83,7 +78,6 @@ def guess_rest_posture(
 def _clear_rest(
     robot: SourceRobot,
     anatomy: Arms,
-    locked: Positions,
     capsules: Capsules,
     frames: dict[str, FrameChoice],
 ) -> tuple[dict[str, float], bool]:
@@ -93,14 +87,14 @@ def _clear_rest(
     pairs = [
         pair
         for pair in itertools.combinations(links, 2)
-        if joints_between(robot, locked, *pair) > _SOCKET
+        if len(robot.between(*pair)) > _SOCKET
     ]
     found = []
     for away, spread in itertools.product(_AWAY, _SPREAD):
-        arms = guess_rest(robot, anatomy, locked, away, frames)
-        legs = bent_knees(robot, anatomy, locked, spread)
+        arms = guess_rest(robot, anatomy, away, frames)
+        legs = bent_knees(robot, anatomy, spread)
         rest = arms | legs
-        distances = gaps(capsules, pairs, robot.poses({**locked, **rest}))
+        distances = gaps(capsules, pairs, robot.posed(rest))
         touching = np.count_nonzero(distances < CLEAR)
         found.append((touching, rest, bool(legs)))
     _, rest, knees = min(found, key=lambda each: each[0])
@@ -110,7 +104,6 @@ def _clear_rest(
 def guess_rest(
     robot: SourceRobot,
     anatomy: Arms | None,
-    locked: Positions,
     away: float = _AWAY[0],
     frames: Mapping[str, FrameChoice] | None = None,
 ) -> dict[str, float]:
@@ -123,9 +116,7 @@ def guess_rest(
     where the motion's points `frames` say, else at the hands.
     """
     rest = {}
-    for joint in robot.joints.values():
-        if not joint.moves or joint.name in locked:
-            continue
+    for joint in robot.controlled:
         if anatomy is None and robot.posture:
             own = robot.posture.get(joint.name, 0.0)
             rest[joint.name] = float(np.clip(own, joint.lower, joint.upper))
@@ -134,7 +125,7 @@ def guess_rest(
         else:
             rest[joint.name] = _inside(joint, 0.0)
     X_zero = robot.poses()
-    posture = {**locked, **rest}
+    straight = dict(rest)
     sides = zip(anatomy or (), ("left", "right"), (1.0, -1.0), strict=False)
     for arm, side, outwards in sides:
         elbow = elbow_index(X_zero, arm)
@@ -143,7 +134,7 @@ def guess_rest(
             for angle in (-away, away):
                 there = rest[joint.name] + angle
                 if joint.lower < there < joint.upper:
-                    X = robot.poses({**posture, joint.name: there})
+                    X = robot.posed({**straight, joint.name: there})
                     y = X[arm.joints[elbow].child].translation()[1]
                     moved[outwards * y] = (joint.name, there)
         if moved:
@@ -153,7 +144,7 @@ def guess_rest(
         if bend.name not in rest:
             continue
         wrist = (frames or {}).get(f"{side}_wrist", FrameChoice(arm.hand))
-        rest[bend.name] = _bent_elbow(robot, {**locked, **rest}, bend, wrist)
+        rest[bend.name] = _bent_elbow(robot, rest, bend, wrist)
     return {name: round(value, 4) for name, value in rest.items() if value}
 
 
@@ -166,7 +157,7 @@ def _bent_elbow(
     to_more = elbow.upper > -elbow.lower
     if np.isclose(elbow.upper, -elbow.lower, rtol=_EVEN):
         places = [
-            wrist.place(robot.poses({**posture, elbow.name: angle}))
+            wrist.place(robot.posed({**posture, elbow.name: angle}))
             for angle in (fewer, more)
         ]
         x, _, z = places[1] - places[0]
@@ -177,7 +168,7 @@ def _bent_elbow(
 
 
 def bent_knees(
-    robot: SourceRobot, anatomy: Arms, locked: Positions, spread: float = 0.0
+    robot: SourceRobot, anatomy: Arms, spread: float = 0.0
 ) -> dict[str, float]:
     """Joint to position [rad] of two legs that stand with their knees a little bent.
 
@@ -189,21 +180,17 @@ def bent_knees(
     rest: dict[str, float] = {}
     legs = find_leg_chains(robot, anatomy) or ()
     for leg, outwards in zip(legs, (1.0, -1.0), strict=False):
-        bent = _bent(robot, leg, locked)
+        bent = _bent(robot, leg)
         if bent is None:
             return {}
-        rest |= bent | _rolled(robot, leg, locked, outwards * spread)
+        rest |= bent | _rolled(robot, leg, outwards * spread)
     return rest
 
 
-def _bent(robot: SourceRobot, leg: Arm, locked: Positions) -> dict[str, float] | None:
-    X, joints = robot.poses(locked), leg.joints
+def _bent(robot: SourceRobot, leg: Arm) -> dict[str, float] | None:
+    X, joints = robot.posed(), leg.joints
     index = knee_index(X, leg)
-    pitching = [
-        i
-        for i, joint in enumerate(joints)
-        if abs(joint_axis(X, joint)[1]) > LATERAL and joint.name not in locked
-    ]
+    pitching = _turning(robot, leg, 1)
     if index not in pitching or pitching[0] == index or pitching[-1] == index:
         return None
     place = pitching.index(index)
@@ -226,24 +213,28 @@ def _bent(robot: SourceRobot, leg: Arm, locked: Positions) -> dict[str, float] |
     }
 
 
-def _rolled(
-    robot: SourceRobot, leg: Arm, locked: Positions, angle: float
-) -> dict[str, float]:
+def _rolled(robot: SourceRobot, leg: Arm, angle: float) -> dict[str, float]:
     """Hip and ankle, rolled against each other about the axis ahead."""
-    X = robot.poses(locked)
+    X = robot.posed()
     knee = knee_index(X, leg)
-    axes = [joint_axis(X, joint)[0] for joint in leg.joints]
-    rolls = [
-        i
-        for i, (joint, along) in enumerate(zip(leg.joints, axes, strict=True))
-        if abs(along) > LATERAL and joint.name not in locked
-    ]
+    rolls = _turning(robot, leg, 0)
     if not angle or not rolls or not rolls[0] < knee < rolls[-1]:
         return {}
+    turns = ((leg.joints[rolls[0]], angle), (leg.joints[rolls[-1]], -angle))
     return {
-        leg.joints[i].name: round(_inside(leg.joints[i], np.sign(axes[i]) * by), 4)
-        for i, by in ((rolls[0], angle), (rolls[-1], -angle))
+        joint.name: round(_inside(joint, np.sign(joint_axis(X, joint)[0]) * by), 4)
+        for joint, by in turns
     }
+
+
+def _turning(robot: SourceRobot, leg: Arm, axis: int) -> list[int]:
+    """Which of a leg's joints are free to turn about an axis of the robot."""
+    X = robot.posed()
+    return [
+        i
+        for i, joint in enumerate(leg.joints)
+        if abs(joint_axis(X, joint)[axis]) > LATERAL and not robot.is_weld(joint)
+    ]
 
 
 def _pitch(v: np.ndarray) -> float:

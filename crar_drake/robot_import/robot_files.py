@@ -4,7 +4,8 @@ import importlib.metadata
 import os
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -188,6 +189,16 @@ def one_number(text: str, infinite: bool = False) -> float:
     if len(numbers) != 1:
         raise ValueError(f"{text!r} is not a number")
     return numbers[0]
+
+
+@contextmanager
+def naming(path: Path, what: str, element: ElementTree.Element) -> Iterator[None]:
+    """Numbers that are none become a ModelError that names the element."""
+    try:
+        yield
+    except ValueError as error:
+        name = element.get("name") or ""
+        raise ModelError(f"{path}: {what} {name!r}: {error}") from error
 
 
 class MeshFinder:

@@ -8,7 +8,6 @@ from pydrake.common.yaml import yaml_dump_typed
 from crar_drake.files import write_whole
 from crar_drake.robot.description import IMPORT_FILE, RobotDescription
 from crar_drake.robot_import.meshes import Part, simplified, write_obj
-from crar_drake.robot_import.picture import draw_robot
 from crar_drake.robot_import.urdf_writer import VisualMesh
 
 URDF, DESCRIPTION, PICTURE, REPORT = (
@@ -64,24 +63,3 @@ def write_description(out: Path, description: RobotDescription) -> None:
         + yaml_dump_typed(written)
     )
     write_whole(out / DESCRIPTION, text)
-
-
-def draw_picture(out, plant, description, rest, parts, capsules) -> None:
-    context = plant.CreateDefaultContext()
-    plant.SetPositions(context, rest)
-    poses = {
-        name: plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
-        for name in parts
-    }
-    points = {
-        point: plant.GetFrameByName(frame).CalcPoseInWorld(context).translation()
-        for point, frame in description.task_frames.items()
-    }
-    draw_robot(
-        out / PICTURE,
-        f"{description.name}: meshes, and {sum(map(len, capsules.values()))} capsules",
-        poses,
-        parts,
-        capsules,
-        points,
-    )

@@ -13,8 +13,16 @@ from pathlib import Path
 from xml.sax.saxutils import escape, unescape
 
 from crar_drake.errors import ModelError
-from crar_drake.robot_import.robot_files import MeshFinder, read_xml, xml_text
+from crar_drake.robot_import.robot_files import (
+    MeshFinder,
+    naming,
+    one_number,
+    read_xml,
+    xml_text,
+)
 from crar_drake.robot_import.source_urdf import refuse_loops
+
+_MIMIC = ("multiplier", "offset", "reference")
 
 # How the names of the visuals begin that are collisions in the original.
 COLLISION = "collision of "
@@ -106,22 +114,14 @@ class SdfCopies:
             mimic = joint.find("axis/mimic")
             if mimic is None:
                 continue
-            multiplier, offset, reference = (
-                _number(mimic.findtext(key) or str(default), path, joint)
-                for key, default in (("multiplier", 1), ("offset", 0), ("reference", 0))
-            )
+            with naming(path, "mimic of joint", joint):
+                multiplier, offset, reference = (
+                    one_number(mimic.findtext(key) or str(default))
+                    for key, default in zip(_MIMIC, (1, 0, 0), strict=True)
+                )
             offset -= multiplier * reference
             leader = mimic.get("joint", "")
             self.mimics[joint.get("name", "")] = leader, multiplier, offset
-
-
-def _number(text: str, path: Path, joint: ElementTree.Element) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ModelError(
-            f"{path}: joint {joint.get('name', '')!r}: mimic: {text!r} is not a number"
-        ) from None
 
 
 def _blank(match: re.Match) -> str:

@@ -10,7 +10,6 @@ body, or is beside the body's origin, gets a link without geometry of its own.
 
 import re
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,8 +34,8 @@ from crar_drake.robot_import.source_robot import (
     Link,
     Loop,
     SourceRobot,
-    weld,
 )
+from crar_drake.robot_import.tree_reader import TreeReader
 
 _UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 _TINY = 1e-9  # [m] or of a coefficient
@@ -90,32 +89,26 @@ def _line(said: object) -> str:
     return "; ".join(line for line in str(said).split("\n") if line)
 
 
-class _Reader:
+class _Reader(TreeReader):
     """Turns a compiled model into links and joints, and keeps what it meets."""
 
     def __init__(self, path: Path, name: str, model, notes: list[str]) -> None:
-        self._path, self._name, self._model, self._notes = path, name, model, notes
-        self._links: dict[str, Link] = {}
-        self._joints: dict[str, Joint] = {}
-        self._taken = {WORLD}
-        # Names by MuJoCo's index; bodies and joints may have none.
-        self._bodies = {0: WORLD}
-        self._joint_names: dict[int, str] = {}
+        super().__init__(path, notes)
+        self._name, self._model = name, model
+        self._bodies[0] = WORLD
         self._efforts = effort_limits(model)
 
     def robot(self) -> SourceRobot:
         """All of it."""
         trees, left_out = self._select_trees()
-        bodies = [i for i in range(1, self._model.nbody) if self._tree(i) in trees]
+        bodies = [i for i in range(1, self._model.nbody) if self._top(i) in trees]
         for body in bodies:
-            self._bodies[body] = self._unique(
-                self._model.body(body).name, f"body_{body}"
-            )
-        for body in bodies:
+            name = self._model.body(body).name or f"body_{body}"
+            self._bodies[body] = self._unique(name)
             self._name_joints(body)
         mounted = not self._is_free(trees[0])
         if mounted:
-            self._links[WORLD] = Link(WORLD, (), (), None)
+            self._links[WORLD] = Link(WORLD)
         # Parents have smaller indices than their children.
         for body in bodies:
             if body in trees:
@@ -127,19 +120,17 @@ class _Reader:
         loops = self._read_equalities()
         self._note_left_out(left_out)
         name = self._name if self._name != _UNNAMED else ""
-        return SourceRobot(
-            (name or default_name(self._path)).replace(" ", "_"),
-            self._path,
-            self._links,
-            self._joints,
-            tuple(self._notes),
+        return replace(
+            self._tree(),
+            name=(name or default_name(self._path)).replace(" ", "_"),
+            notes=tuple(self._notes),
             loops=loops,
             posture=keyframe_posture(self._model, self._joint_names),
         )
 
     # --- which bodies are the robot -------------------------------------------------
 
-    def _tree(self, body: int) -> int:
+    def _top(self, body: int) -> int:
         """The body in the world that a body hangs on."""
         return int(self._model.body_rootid[body])
 
@@ -164,7 +155,7 @@ class _Reader:
         count = {i: 0 for i in range(1, model.nbody) if model.body_parentid[i] == 0}
         for joint in range(model.njnt):
             if self._kind(joint) in ("hinge", "slide"):
-                count[self._tree(model.jnt_bodyid[joint])] += 1
+                count[self._top(model.jnt_bodyid[joint])] += 1
         moving = [root for root, joints in count.items() if joints]
         if not moving:
             raise ModelError(
@@ -182,10 +173,7 @@ class _Reader:
         names = [model.body(i).name or f"body {i}" for i in left_out]
         scene = [i for i in range(model.ngeom) if model.geom_bodyid[i] == 0]
         names += [model.geom(i).name or "a shape of the world" for i in scene]
-        if names:
-            self._notes.append(
-                f"left out, since it is not the robot's: {', '.join(names)}"
-            )
+        self._note_foreign(names)
         balls = [n for j, n in self._joint_names.items() if self._kind(j) == "ball"]
         if balls:
             self._notes.append(
@@ -207,25 +195,14 @@ class _Reader:
             "friction": np.any(model.dof_frictionloss[dofs]),
             "springs": np.any(model.jnt_stiffness[list(self._joint_names)]),
         }
-        if any(lost.values()):
-            self._notes.append(
-                "left out of the joints: "
-                + ", ".join(what for what, there in lost.items() if there)
-            )
+        if left_out := [what for what, there in lost.items() if there]:
+            self._notes.append(f"left out of the joints: {', '.join(left_out)}")
         self._notes.append(
             "MJCF has no speed limits: the joints have none, unless a scenario's "
             "controller gives velocity_limits"
         )
 
     # --- links and joints -----------------------------------------------------------
-
-    def _unique(self, name: str, otherwise: str) -> str:
-        """A name that nothing else in the robot has, and takes it."""
-        name = name or otherwise
-        while name in self._taken:
-            name += "_"
-        self._taken.add(name)
-        return name
 
     def _name_joints(self, body: int) -> None:
         joints = self._own_joints(body)
@@ -242,10 +219,8 @@ class _Reader:
         """
         X_WB = pose_of(self._model, "body", body)
         X_WU, X_UB = RigidTransform(X_WB.translation()), RigidTransform(X_WB.rotation())
-        upright = ""
         if not X_UB.IsNearlyIdentity(1e-6):
-            upright = self._unique(f"{self._bodies[body]}_upright", "")
-            self._links[upright] = Link(upright, (), (), None)
+            upright = self._add_bare_link(f"{self._bodies[body]}_upright")
             if mounted:
                 self._weld(WORLD, upright, X_WU)
             self._add_body(body, upright, X_UB)
@@ -272,19 +247,12 @@ class _Reader:
                 child = name
                 self._add_link(body)
             else:
-                child = self._unique(f"{self._joint_names[joint]}_link", "")
-                self._links[child] = Link(child, (), (), None)
+                child = self._add_bare_link(f"{self._joint_names[joint]}_link")
             self._add_joint(joint, parent, child, X @ p)
             parent, X = child, p.inverse()
         if parent != name:
             self._add_link(body)
             self._weld(parent, name, X)
-
-    def _weld(self, parent: str, child: str, X_PC: RigidTransform) -> None:
-        name = f"{child}_weld"
-        while name in self._joints or name in self._joint_names.values():
-            name += "_"
-        self._joints[name] = weld(name, parent, child, X_PC)
 
     def _add_joint(
         self, index: int, parent: str, child: str, X: RigidTransform
@@ -327,10 +295,7 @@ class _Reader:
             name = model.site(site).name
             if body == 0 or body not in self._bodies or not name or site in through:
                 continue
-            if name in self._taken:
-                name += "_site"
-            name = self._unique(name, "")
-            self._links[name] = Link(name, (), (), None)
+            name = self._add_bare_link(name, "_site")
             self._weld(self._bodies[body], name, pose_of(model, "site", site))
 
     # --- equalities -----------------------------------------------------------------
@@ -381,18 +346,8 @@ class _Reader:
             ends = tuple(int(model.site_bodyid[site]) for site in ends)
         if any(body == 0 or body not in self._bodies for body in ends):
             return []
-        one, other = (set(self._above(body)) for body in ends)
-        return [name for name in self._joints if name in one ^ other]
-
-    def _above(self, body: int) -> Iterator[str]:
-        """The joints that carry a body."""
-        while body:
-            yield from (
-                self._joint_names[j]
-                for j in self._joints_of(body)
-                if j in self._joint_names
-            )
-            body = int(self._model.body_parentid[body])
+        links = (self._bodies[body] for body in ends)
+        return [joint.name for joint in self._tree().between(*links)]
 
 
 def _inertia(model, body: int) -> Inertia | None:

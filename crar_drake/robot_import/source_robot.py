@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pydrake.geometry
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+
+if TYPE_CHECKING:
+    from crar_drake.robot_import.meshes import Looks
 
 WORLD = "world"  # the link that Drake takes for its own world
 MOVING = ("revolute", "continuous", "prismatic")  # joints of one axis
@@ -88,9 +93,9 @@ class Link:
     """A link with its shapes and its inertia, if the file gives one."""
 
     name: str
-    visual: tuple[Shape, ...]
-    collision: tuple[Shape, ...]
-    inertia: Inertia | None
+    visual: tuple[Shape, ...] = ()
+    collision: tuple[Shape, ...] = ()
+    inertia: Inertia | None = None
 
     @property
     def mass(self) -> float:
@@ -147,6 +152,16 @@ class Joint:
         return self.X_PC
 
 
+def poses_in(plant: MultibodyPlant, q: np.ndarray, links: Iterable[str]) -> Poses:
+    """X_WL of some links of a finalized plant at positions (nq,)."""
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    return {
+        name: plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
+        for name in links
+    }
+
+
 def weld(name: str, parent: str, child: str, X_PC: RigidTransform) -> Joint:
     """A joint that does not move."""
     return Joint(name, "fixed", parent, child, X_PC)
@@ -179,6 +194,10 @@ class SourceRobot:
     posture: dict[str, float] = field(default_factory=dict)
     # pairs of links that may touch by its SRDF
     allowed: frozenset[frozenset[str]] = frozenset()
+    # link to its real look, of those that have one; all are points until it is read
+    looks: Looks = field(default_factory=dict)
+    # joint to where it is welded [rad or m], once that is decided
+    locked: Positions = field(default_factory=dict)
 
     @cached_property
     def _parents(self) -> dict[str, Joint]:
@@ -197,6 +216,15 @@ class SourceRobot:
         """The joints that a link carries."""
         return [joint for joint in self.joints.values() if joint.parent == link]
 
+    @property
+    def controlled(self) -> list[Joint]:
+        """The joints that move and are not locked."""
+        return [j for j in self.joints.values() if j.moves and not self.is_weld(j)]
+
+    def is_weld(self, joint: Joint) -> bool:
+        """Whether a joint is fixed or locked."""
+        return joint.kind == "fixed" or joint.name in self.locked
+
     def is_bare(self, link: str) -> bool:
         """Whether a link has no geometry: a mere frame."""
         return not (self.links[link].visual or self.links[link].collision)
@@ -213,6 +241,13 @@ class SourceRobot:
         """Those of `path_to` that move."""
         return [joint for joint in self.path_to(link) if joint.moves]
 
+    def between(self, a: str, b: str) -> list[Joint]:
+        """The joints on the way from one link to the other that are no welds, in the
+        file's order."""
+        way = {j.name for j in self.path_to(a)} ^ {j.name for j in self.path_to(b)}
+        joints = [joint for joint in self.joints.values() if joint.name in way]
+        return [joint for joint in joints if not self.is_weld(joint)]
+
     def poses(self, positions: Positions | None = None) -> Poses:
         """X_FL of every link L, with joints at zero or where `positions` says."""
         positions = positions or {}
@@ -223,6 +258,10 @@ class SourceRobot:
                 at = positions.get(joint.name, 0.0)
                 X[link] = X[joint.parent] @ joint.transform(at)
         return X
+
+    def posed(self, positions: Positions | None = None) -> Poses:
+        """As `poses`, with locked joints where they are welded."""
+        return self.poses({**self.locked, **(positions or {})})
 
     def below(self, link: str) -> Iterator[str]:
         """A link and everything that it carries, parents first."""

@@ -37,6 +37,7 @@ from crar_drake.robot_import.source_robot import (
     weld,
 )
 from crar_drake.robot_import.source_urdf import check_tree
+from crar_drake.robot_import.tree_reader import TreeReader
 
 # Drake's joints, as a URDF calls them.
 _KINDS = {"weld": "fixed", "ball_rpy": "ball", "quaternion_floating": "floating"}
@@ -71,7 +72,7 @@ def read_sdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         return replace(robot, notes=(*copies.notes, *robot.notes))
 
 
-class _Reader:
+class _Reader(TreeReader):
     """Turns a plant, which is not finalized, into links and joints."""
 
     def __init__(
@@ -81,43 +82,29 @@ class _Reader:
         inspector: SceneGraphInspector,
         mimics: dict[str, tuple[str, float, float]],
     ) -> None:
-        self._path, self._plant, self._inspector = path, plant, inspector
-        self._mimics, self._notes = mimics, []
-        self._links: dict[str, Link] = {}
-        self._joints: dict[str, Joint] = {}
-        self._efforts = {
-            actuator.joint().index(): actuator.effort_limit()
-            for actuator in map(
-                plant.get_joint_actuator, plant.GetJointActuatorIndices()
-            )
-        }
+        super().__init__(path, [])
+        self._plant, self._inspector, self._mimics = plant, inspector, mimics
+        self._instances = [*map(ModelInstanceIndex, range(plant.num_model_instances()))]
+        actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+        self._efforts = {a.joint().index(): a.effort_limit() for a in actuators}
 
     def robot(self) -> SourceRobot:
         """All of it."""
         plant = self._plant
         model = self._select_model()
-        instances = [
-            instance
-            for instance in map(ModelInstanceIndex, range(plant.num_model_instances()))
-            if self._model_of(instance) == model
-        ]
-        bodies = [
-            plant.get_body(index)
-            for instance in instances
-            for index in plant.GetBodyIndices(instance)
-        ]
-        joints = [
-            plant.get_joint(index)
-            for instance in instances
-            for index in plant.GetJointIndices(instance)
-        ]
+        instances = [i for i in self._instances if self._model_of(i) == model]
+        indices = (i for each in instances for i in plant.GetBodyIndices(each))
+        bodies = [*map(plant.get_body, indices)]
+        indices = (i for each in instances for i in plant.GetJointIndices(each))
+        joints = [*map(plant.get_joint, indices)]
         self._bodies = _unique_names(bodies, model)
+        self._taken |= set(self._bodies.values())
         self._bodies[plant.world_body().index()] = WORLD
-        names = _unique_names(joints, model)
+        names = self._joint_names = _unique_names(joints, model)
+        if any(self._name(joint.parent_body()) == WORLD for joint in joints):
+            self._links[WORLD] = Link(WORLD)
         for body in bodies:
             self._add_link(body)
-        if any(self._name(joint.parent_body()) == WORLD for joint in joints):
-            self._links = {WORLD: Link(WORLD, (), (), None), **self._links}
         loops = []
         for joint in joints:
             if self._is_carried(joint):
@@ -125,15 +112,15 @@ class _Reader:
             else:
                 self._add_joint(joint, names[joint.index()])
         self._add_frames(instances, joints)
-        self._add_mimics()
-        name = robot_name(model, self._path)
-        read = SourceRobot(name, self._path, self._links, self._joints)
-        check_tree(read)
+        check_tree(read := self._tree())
         self._set_upright(read.root)
-        # Another tree, if a link was added that carries the root.
-        robot = SourceRobot(name, self._path, self._links, self._joints)
-        found = tuple(self._loop(robot, *each) for each in loops)
-        return replace(robot, loops=found, notes=tuple(self._notes))
+        robot = self._tree()  # another one, if a link was added that carries the root
+        return replace(
+            robot,
+            name=robot_name(model, self._path),
+            loops=tuple(self._loop(robot, *each) for each in loops),
+            notes=tuple(self._notes),
+        )
 
     def _name(self, body: RigidBody) -> str:
         return self._bodies[body.index()]
@@ -147,11 +134,7 @@ class _Reader:
     def _select_model(self) -> str:
         """The model that moves."""
         plant = self._plant
-        bodies = [
-            self._model_of(instance)
-            for instance in map(ModelInstanceIndex, range(plant.num_model_instances()))
-            for _ in plant.GetBodyIndices(instance)
-        ]
+        with_bodies = [i for i in self._instances[1:] if plant.GetBodyIndices(i)]
         moving = Counter(
             self._model_of(joint.model_instance())
             for joint in map(plant.get_joint, plant.GetJointIndices())
@@ -166,11 +149,8 @@ class _Reader:
                 "that has, or includes, the one that is meant alone"
             )
         (model,) = moving
-        others = dict.fromkeys(name for name in bodies[1:] if name != model)
-        if others:
-            self._notes.append(
-                f"left out, since it is not the robot's: {', '.join(others)}"
-            )
+        names = dict.fromkeys(map(self._model_of, with_bodies))
+        self._note_foreign([name for name in names if name != model])
         if plant.num_force_elements() > 1:
             self._notes.append("left out of the joints: springs")
         return model
@@ -220,15 +200,8 @@ class _Reader:
             other = weld(name, parent, child, X_PF @ X_MC)
             self._joints[name] = replace(other, kind=_KINDS.get(kind, kind))
             return
-        (lower,), (upper,) = (
-            joint.position_lower_limits(),
-            joint.position_upper_limits(),
-        )
-        if np.isfinite(lower) != np.isfinite(upper):
-            raise ModelError(
-                f"{self._path}: joint {name!r} has one limit alone ({lower:g} to "
-                f"{upper:g}); give it both or none"
-            )
+        (lower,) = joint.position_lower_limits()
+        (upper,) = joint.position_upper_limits()
         if kind == "revolute":
             axis = joint.revolute_axis()
             # Where the child's origin is on the axis, it may as well be the joint's.
@@ -236,7 +209,7 @@ class _Reader:
         else:
             axis, beside = joint.translation_axis(), False
         if beside:
-            stand_in = self._add_empty_link(f"{name}_link")
+            stand_in = self._add_bare_link(f"{name}_link")
             self._weld(stand_in, child, X_MC)
             child, X_MC = stand_in, RigidTransform()
         turns = "revolute" if np.isfinite(lower) else "continuous"
@@ -249,23 +222,11 @@ class _Reader:
             X_MC.rotation().inverse() @ axis,
             float(lower),
             float(upper),
-            _limit(self._efforts.get(joint.index(), np.inf)),
-            _limit(joint.velocity_upper_limits()[0]),
+            self._efforts.get(joint.index()),
+            float(joint.velocity_upper_limits()[0]),
             float(joint.default_damping_vector()[0]),
+            *self._mimics.get(name, ()),
         )
-
-    def _add_empty_link(self, name: str, more: str = "_") -> str:
-        """One without geometry; its name, made longer where there is such a link."""
-        while name in self._links:
-            name += more
-        self._links[name] = Link(name, (), (), None)
-        return name
-
-    def _weld(self, parent: str, child: str, X_PC: RigidTransform) -> None:
-        name = f"{child}_weld"
-        while name in self._joints:
-            name += "_"
-        self._joints[name] = weld(name, parent, child, X_PC)
 
     def _add_frames(self, instances, joints: Sequence[DrakeJoint]) -> None:
         """The file's frames become links without geometry, which frames can name."""
@@ -283,18 +244,8 @@ class _Reader:
                 # The world is no link of a robot that does not stand in it.
                 if hidden or frame.is_body_frame() or link not in self._links:
                     continue
-                name = self._add_empty_link(name, "_frame")
+                name = self._add_bare_link(name, "_frame")
                 self._weld(link, name, frame.GetFixedPoseInBodyFrame())
-
-    def _add_mimics(self) -> None:
-        for name, (leader, multiplier, offset) in self._mimics.items():
-            if name in self._joints:
-                self._joints[name] = replace(
-                    self._joints[name],
-                    mimic=leader,
-                    multiplier=multiplier,
-                    offset=offset,
-                )
 
     def _set_upright(self, root: str) -> None:
         """A root link is taken to have z up. If it is turned in the world a link that
@@ -310,7 +261,7 @@ class _Reader:
             R_WL = RigidTransform(X_WL.rotation())
             if R_WL.IsNearlyIdentity(1e-6):
                 continue
-            upright = self._add_empty_link(f"{link}_upright")
+            upright = self._add_bare_link(f"{link}_upright")
             if joint:
                 X_WU = RigidTransform(X_WL.translation())
                 self._joints[joint] = weld(joint, WORLD, upright, X_WU)
@@ -319,10 +270,6 @@ class _Reader:
     def _loop(self, robot: SourceRobot, name: str, joint: DrakeJoint) -> Loop:
         """The joints between two links that a joint ties together; a note tells if
         the chain is open where they are locked unless somebody says otherwise."""
-        one, other = (
-            {j.name for j in robot.path_to(self._name(body)) if j.kind != "fixed"}
-            for body in (joint.parent_body(), joint.child_body())
-        )
         nearest = {n: min(max(j.lower, 0.0), j.upper) for n, j in robot.joints.items()}
         X = robot.poses(nearest)
         p_F, p_M = (
@@ -337,7 +284,8 @@ class _Reader:
                 f"{name} closes a chain, which gapes by {1e3 * gap:.0f} mm with its "
                 "joints nearest to zero: give them positions in locked that close it"
             )
-        return Loop(name, tuple(n for n in robot.joints if n in one ^ other))
+        ends = self._name(joint.parent_body()), self._name(joint.child_body())
+        return Loop(name, tuple(j.name for j in robot.between(*ends)))
 
 
 def _unique_names(elements: Sequence, model: str) -> dict:
@@ -364,7 +312,3 @@ def _inertia(body: RigidBody) -> Inertia | None:
     if mass == 1.0 and not p_LC.any() and np.array_equal(moments, np.eye(3)):
         return None
     return Inertia(mass, RigidTransform(p_LC), moments)
-
-
-def _limit(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -1,8 +1,7 @@
 """A robot's own URDF: where it is, what is in it, and what of it is not supported."""
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from crar_drake.errors import ModelError, nearest
 from crar_drake.robot_import.robot_files import (
     MeshFinder,
+    naming,
     numbers_of,
     one_number,
     read_xml,
@@ -75,7 +75,7 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
     ):
         elements.append(ElementTree.Element("link", name=WORLD))  # as Drake reads it
     for element in elements:
-        with _naming(path, "link", element):
+        with naming(path, "link", element):
             link = _read_link(element, colours, meshes, path, notes)
         if link.name in links:
             raise ModelError(f"{path}: two links are named {link.name!r}")
@@ -83,7 +83,7 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
     notes += meshes.check()
     joints = {}
     for element in root.findall("joint"):
-        with _naming(path, "joint", element):
+        with naming(path, "joint", element):
             joint = _read_joint(element, path, warnings)
         if joint.name in joints:
             raise ModelError(f"{path}: two joints are named {joint.name!r}")
@@ -109,16 +109,6 @@ def refuse_loops(root: ElementTree.Element, path: Path) -> None:
                 f"{path}: <{tag}> {element.get('name', '')!r} closes a chain, "
                 "which the controller does not support; take it out of the file"
             )
-
-
-@contextmanager
-def _naming(path: Path, what: str, element: ElementTree.Element) -> Iterator[None]:
-    """Numbers that are none become an error that names the element."""
-    try:
-        yield
-    except ValueError as error:
-        name = element.get("name") or ""
-        raise ModelError(f"{path}: {what} {name!r}: {error}") from error
 
 
 def check_tree(robot: SourceRobot) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.errors import ModelError, nearest
-from crar_drake.robot_import.robot_files import one_number, read_xml
+from crar_drake.robot_import.robot_files import naming, one_number, read_xml
 from crar_drake.robot_import.source_robot import SourceRobot
 
 # What postures that a robot rests in are called, the first first.
@@ -79,12 +79,8 @@ def read_srdf(path: Path, robot: SourceRobot) -> Semantics:
             value = element.get("value") or ""
             if joint is None or not joint.moves or len(value.split()) != 1:
                 continue
-            try:
+            with naming(path, f"group_state {name!r}: joint", element):
                 position = one_number(value)
-            except ValueError as error:
-                raise ModelError(
-                    f"{path}: group_state {name!r}: joint {joint.name!r}: {error}"
-                ) from error
             posture[joint.name] = float(np.clip(position, joint.lower, joint.upper))
     pairs = {
         frozenset((entry.get("link1") or "", entry.get("link2") or ""))

@@ -15,8 +15,8 @@ from crar_drake.robot_import.choices import ImportChoices
 from crar_drake.robot_import.facing import guess_facing, guess_up, turned
 from crar_drake.robot_import.import_report import ImportReport
 from crar_drake.robot_import.joint_groups import DEFAULT_LOCK, guess_locked
-from crar_drake.robot_import.meshes import Looks, Part
-from crar_drake.robot_import.source_robot import WORLD, Positions, SourceRobot
+from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.source_robot import WORLD, SourceRobot
 from crar_drake.robot_import.srdf import read_srdf
 
 
@@ -41,14 +41,12 @@ def with_semantics(robot: SourceRobot, report: ImportReport) -> SourceRobot:
     if name:
         report.notes.append(f"rests in the posture {name!r} of {path.name}")
     elif semantics.postures:
-        report.notes.append(
-            f"no posture of {path.name} was taken; write one as posture: "
-            + ", ".join(semantics.postures)
-        )
+        what = f"no posture of {path.name} was taken; write one as posture"
+        report.note(what, [*semantics.postures])
     return replace(robot, posture=posture or robot.posture, allowed=semantics.allowed)
 
 
-def face_ahead(robot: SourceRobot, parts: Looks, report: ImportReport) -> SourceRobot:
+def face_ahead(robot: SourceRobot, report: ImportReport) -> SourceRobot:
     """The robot in a frame whose x axis is its front, its z axis up."""
     choices = report.choices
     if choices.up is None and choices.facing is None:
@@ -59,7 +57,7 @@ def face_ahead(robot: SourceRobot, parts: Looks, report: ImportReport) -> Source
             report.notes.append(f"{up} of the root link points up: it was turned")
     up = choices.up or "+z"
     if choices.facing is None:
-        guess = guess_facing(robot, parts, up)
+        guess = guess_facing(robot, up)
         choices.facing = guess.facing
         report.guessed["facing"] = guess.why
         if guess.doubt:
@@ -77,7 +75,7 @@ def face_ahead(robot: SourceRobot, parts: Looks, report: ImportReport) -> Source
     return turned(robot, choices.facing, up)
 
 
-def guess_structure(robot: SourceRobot, parts: Looks, report: ImportReport) -> None:
+def guess_structure(robot: SourceRobot, report: ImportReport) -> None:
     """Fills in base, locked and frames where the import file leaves them out."""
     choices, anatomy = report.choices, find_anatomy(robot)
     if choices.base is None:
@@ -88,7 +86,7 @@ def guess_structure(robot: SourceRobot, parts: Looks, report: ImportReport) -> N
         elif (
             choices.lock is not None
             and "legs" not in choices.lock
-            and has_feet(robot, anatomy, parts)
+            and has_feet(robot, anatomy)
         ):
             choices.base, why = "floating", "mirrored arms and legs, none locked"
         else:
@@ -101,14 +99,14 @@ def guess_structure(robot: SourceRobot, parts: Looks, report: ImportReport) -> N
         )
     if choices.locked is None:
         lock = DEFAULT_LOCK if choices.lock is None else choices.lock
-        choices.locked = guess_locked(robot, anatomy, parts, lock)
+        choices.locked = guess_locked(robot, anatomy, lock)
         if choices.srdf:
             stated = {n for n in choices.locked if not robot.joints[n].mimic}
             choices.locked |= {n: p for n, p in robot.posture.items() if n in stated}
         report.guessed["locked"] = _how_locked(choices, anatomy is not None)
         report.warnings += coupling_alarms(robot, anatomy, choices.locked)
     if choices.segments is None:
-        group = welded_groups(robot, choices.locked)
+        group = welded_groups(replace(robot, locked=choices.locked))
         choices.segments = {}
         X = robot.poses()
         for arm in anatomy or ():
@@ -127,8 +125,8 @@ def guess_structure(robot: SourceRobot, parts: Looks, report: ImportReport) -> N
             "keyframes only what your tasks name"
         )
         if anatomy:
-            others, lacking = guess_leg_and_head_frames(robot, anatomy, parts)
-            choices.frames = guess_frames(robot, anatomy, parts) | others
+            others, lacking = guess_leg_and_head_frames(robot, anatomy)
+            choices.frames = guess_frames(robot, anatomy) | others
             how = "from the axes of the joints"
             if lacking:
                 how += f"; not found: {', '.join(lacking)}"
@@ -150,10 +148,11 @@ def _how_locked(choices: ImportChoices, arms: bool) -> str:
     return "joints that mimic or are mimicked, and fingers"
 
 
-def check_structure(robot: SourceRobot, report: ImportReport) -> dict[str, float]:
-    """Checks names and supported joints; returns where each locked joint is."""
+def check_structure(robot: SourceRobot, report: ImportReport) -> SourceRobot:
+    """Checks names and supported joints; the robot with its joints locked."""
     choices, file = report.choices, report.file
     locked = dict(choices.locked)
+    robot = replace(robot, locked=locked)
     for name in locked:
         if name not in robot.joints:
             raise ModelError(
@@ -164,7 +163,7 @@ def check_structure(robot: SourceRobot, report: ImportReport) -> dict[str, float
         _check_link(robot, frame.link, f"{file}: frames: {point}")
     for link in choices.soles:
         _check_link(robot, link, f"{file}: soles")
-    group = welded_groups(robot, locked)
+    group = welded_groups(robot)
     taken: set[str] = set()
     for name, others in choices.segments.items():
         for link in (name, *others):
@@ -177,8 +176,7 @@ def check_structure(robot: SourceRobot, report: ImportReport) -> dict[str, float
                 )
             taken.add(link)
     for joint in robot.joints.values():
-        unlocked = joint.kind != "fixed" and joint.name not in locked
-        if unlocked and not joint.moves:
+        if not joint.moves and not robot.is_weld(joint):
             raise ModelError(
                 f"{file}: joint {joint.name!r} is {joint.kind}, which the controller "
                 "does not support; add it to locked"
@@ -190,7 +188,7 @@ def check_structure(robot: SourceRobot, report: ImportReport) -> dict[str, float
                 f"{file}: joint {joint.name!r} mimics {joint.mimic!r}: a mimic joint "
                 "cannot be controlled; add both to locked"
             )
-        if joint.mimic not in locked and robot.joints[joint.mimic].kind != "fixed":
+        if not robot.is_weld(robot.joints[joint.mimic]):
             raise ModelError(
                 f"{file}: joint {joint.mimic!r} is mimicked by {joint.name!r}, which "
                 "is locked; add it to locked, too"
@@ -216,9 +214,9 @@ def check_structure(robot: SourceRobot, report: ImportReport) -> dict[str, float
             f"{robot.path}: no joint of it moves; import the file that has the whole "
             "robot"
         )
-    if all(j.kind == "fixed" or j.name in locked for j in robot.joints.values()):
+    if not robot.controlled:
         raise ModelError(f"{file}: no joint is left to control; take some from locked")
-    return locked
+    return robot
 
 
 def _check_link(robot: SourceRobot, link: str, where: str) -> None:
@@ -228,13 +226,11 @@ def _check_link(robot: SourceRobot, link: str, where: str) -> None:
         )
 
 
-def merge_segments(
-    robot: SourceRobot, locked: Positions, parts: Looks, choices: ImportChoices
-) -> dict[str, list[Part]]:
+def merge_segments(robot: SourceRobot, choices: ImportChoices) -> dict[str, list[Part]]:
     """What each fit is made of: a link's parts and those of its segment's others, in
     the link's frame."""
-    X = robot.poses(locked)
-    merged = {name: list(of_link) for name, of_link in parts.items()}
+    X = robot.posed()
+    merged = {name: list(of_link) for name, of_link in robot.looks.items()}
     for name, others in choices.segments.items():
         for other in others:
             X_LO = X[name].inverse() @ X[other]
@@ -242,12 +238,11 @@ def merge_segments(
     return {name: of_segment for name, of_segment in merged.items() if of_segment}
 
 
-def welded_groups(robot: SourceRobot, locked: Positions) -> dict[str, str]:
+def welded_groups(robot: SourceRobot) -> dict[str, str]:
     """Link to the first link of those that are welded to it."""
     group = {robot.root: robot.root}
     for link in robot.below(robot.root):
         joint = robot.parent_joint(link)
         if joint is not None:
-            welded = joint.kind == "fixed" or joint.name in locked
-            group[link] = group[joint.parent] if welded else link
+            group[link] = group[joint.parent] if robot.is_weld(joint) else link
     return group

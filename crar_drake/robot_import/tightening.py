@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from crar_drake.robot_import.alarms import joints_between
 from crar_drake.robot_import.capsule_fitting import Capsules
 from crar_drake.robot_import.import_report import ImportReport
 from crar_drake.robot_import.link_fits import LinkFits
@@ -19,11 +18,10 @@ from crar_drake.robot_import.pair_sampling import (
     CLEAR,
     NEAR,
     PairDistances,
-    candidate_pairs,
     position_ranges,
 )
-from crar_drake.robot_import.source_robot import Positions, SourceRobot
-from crar_drake.robot_import.watched_pairs import adjacent_pairs
+from crar_drake.robot_import.source_robot import SourceRobot, poses_in
+from crar_drake.robot_import.watched_pairs import candidate_pairs
 
 # What the excess is multiplied by, until it helps.
 _SMALLER = (0.5, 0.25)
@@ -37,7 +35,6 @@ _AT_REST = 0.01  # [m] that meshes are apart which need not touch at rest
 def tighten(
     plant: MultibodyPlant,
     robot: SourceRobot,
-    locked: Positions,
     segments: Looks,
     rest: np.ndarray,
     fits: LinkFits,
@@ -49,9 +46,7 @@ def tighten(
     """
     choices, own = report.choices, report.capsules()
     pairs = [
-        pair
-        for pair in candidate_pairs(plant, own, adjacent_pairs(robot, own))
-        if joints_between(robot, locked, *pair) > 1
+        pair for pair in candidate_pairs(robot, own) if len(robot.between(*pair)) > 1
     ]
     if choices.pairs is not None:
         asked = {frozenset(pair) for pair in choices.pairs}
@@ -83,14 +78,11 @@ def tighten(
                 report.fits |= new
                 tightened |= {name: fit.excess for name, fit in new.items()}
                 break
-    if tightened:
-        report.notes.append(
-            "fitted more closely, since their capsules met others where meshes are "
-            f"{1e3 * NEAR:.0f} mm apart, or at rest: "
-            + ", ".join(
-                f"{name} ({1e3 * excess:.0f} mm)" for name, excess in tightened.items()
-            )
-        )
+    report.note(
+        "fitted more closely, since their capsules met others where meshes are "
+        f"{1e3 * NEAR:.0f} mm apart, or at rest",
+        [f"{name} ({1e3 * excess:.0f} mm)" for name, excess in tightened.items()],
+    )
     return bool(tightened)
 
 
@@ -101,7 +93,6 @@ class _Lost:
         self, plant: MultibodyPlant, segments: Looks, rest: np.ndarray
     ) -> None:
         self._plant, self._rest = plant, rest
-        self._context = plant.CreateDefaultContext()
         self._surfaces = Surfaces(segments)
         lower, upper = position_ranges(plant)
         rng = np.random.default_rng(0)
@@ -146,11 +137,4 @@ class _Lost:
         return share
 
     def _gap(self, pair: tuple[str, str], q: np.ndarray) -> float:
-        self._plant.SetPositions(self._context, q)
-        X = {
-            name: self._plant.EvalBodyPoseInWorld(
-                self._context, self._plant.GetBodyByName(name)
-            )
-            for name in pair
-        }
-        return self._surfaces.gap(X, *pair)
+        return self._surfaces.gap(poses_in(self._plant, q, pair), *pair)

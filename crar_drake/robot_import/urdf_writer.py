@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from crar_drake.files import whole_file
 from crar_drake.robot_import.capsule_fitting import Capsules, FittedCapsule
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.source_robot import WORLD, Inertia, Positions, SourceRobot
+from crar_drake.robot_import.source_robot import WORLD, Inertia, SourceRobot
 
 # Prescribed joint -> (type, axis, what of the motion drives it).
 BASE_JOINTS = {
@@ -43,7 +43,6 @@ def write_urdf(
     *,
     base: str,
     height: float = 0.0,
-    locked: Positions,
     frames: Mapping[str, FrameChoice],
     visuals: Mapping[str, Sequence[VisualMesh]],
     capsules: Capsules,
@@ -55,7 +54,6 @@ def write_urdf(
         base: one of `choices.BASES`: "prescribed", joints that the motion drives carry
             the root link; "floating", the file does not connect it with the world.
         height: of a fixed root link above the ground [m].
-        locked: where joints are welded.
         visuals, capsules, inertias: by link; links that are in none are bare.
 
     Returns:
@@ -75,12 +73,9 @@ def write_urdf(
     there = robot.root == WORLD or X_WR.IsExactlyIdentity()
     lifted = base == "fixed" and not there
     if lifted:
-        weld = ElementTree.SubElement(root, "joint", name="world_weld", type="fixed")
-        ElementTree.SubElement(weld, "parent", link=WORLD)
-        ElementTree.SubElement(weld, "child", link=robot.root)
-        _add_origin(weld, X_WR)
+        _add_joint(root, "world_weld", "fixed", WORLD, robot.root, X_WR)
     for link in robot.links:
-        element = ElementTree.SubElement(root, "link", name=link)
+        element = _add(root, "link", name=link)
         if link in inertias:
             _add_inertia(element, inertias[link])
         for visual in visuals.get(link, ()):
@@ -88,37 +83,28 @@ def write_urdf(
         for index, capsule in enumerate(capsules.get(link, ())):
             _add_capsule(element, f"{link}_{index}", capsule)
     for joint in robot.joints.values():
-        welded = joint.kind == "fixed" or joint.name in locked
+        welded = robot.is_weld(joint)
         kind = "fixed" if welded else joint.kind
-        element = ElementTree.SubElement(root, "joint", name=joint.name, type=kind)
-        ElementTree.SubElement(element, "parent", link=joint.parent)
-        ElementTree.SubElement(element, "child", link=joint.child)
-        position = locked.get(joint.name, 0.0) if welded else 0.0
-        _add_origin(element, joint.transform(position))
+        X_PC = joint.transform(robot.locked.get(joint.name, 0.0))
+        element = _add_joint(root, joint.name, kind, joint.parent, joint.child, X_PC)
         if welded:
             continue
-        ElementTree.SubElement(element, "axis", xyz=_text(joint.axis))
-        limit = ElementTree.SubElement(element, "limit")
+        _add(element, "axis", xyz=joint.axis)
+        limits = {}
         if np.isfinite(joint.lower):
-            limit.set("lower", _text([joint.lower]))
-            limit.set("upper", _text([joint.upper]))
+            limits = {"lower": joint.lower, "upper": joint.upper}
         # Drake gives a joint with an effort of zero no actuator.
         if joint.effort:
-            limit.set("effort", _text([joint.effort]))
+            limits["effort"] = joint.effort
         if joint.velocity:
-            limit.set("velocity", _text([joint.velocity]))
+            limits["velocity"] = joint.velocity
+        _add(element, "limit", **limits)
         if joint.damping:
-            ElementTree.SubElement(element, "dynamics", damping=_text([joint.damping]))
+            _add(element, "dynamics", damping=joint.damping)
         _add_transmission(root, joint.name)
-    for point, frame in frames.items():
-        ElementTree.SubElement(
-            root,
-            "frame",
-            name=frame_name(point),
-            link=frame.link,
-            xyz=_text(frame.point),
-            rpy=_text(frame.rpy),
-        )
+    for point, at in frames.items():
+        name = frame_name(point)
+        _add(root, "frame", name=name, link=at.link, xyz=at.point, rpy=at.rpy)
     ElementTree.indent(root)
     with whole_file(path) as temporary:
         temporary.write_bytes(ElementTree.tostring(root, xml_declaration=True))
@@ -132,73 +118,79 @@ def _add_base(root, robot: SourceRobot) -> None:
         BASE_JOINTS.items(), children, strict=True
     ):
         if child != first_link:
-            link = ElementTree.SubElement(root, "link", name=child)
             small = Inertia(_BASE_MASS, RigidTransform(), np.eye(3) * 1e-6)
-            _add_inertia(link, small)
-        joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
-        ElementTree.SubElement(joint, "parent", link=parent)
-        ElementTree.SubElement(joint, "child", link=child)
-        if child == first_link and not robot.X_FR.IsExactlyIdentity():
-            _add_origin(joint, robot.X_FR)
-        ElementTree.SubElement(joint, "axis", xyz=axis)
+            _add_inertia(_add(root, "link", name=child), small)
+        turned = child == first_link and not robot.X_FR.IsExactlyIdentity()
+        X_PC = robot.X_FR if turned else None
+        joint = _add_joint(root, name, kind, parent, child, X_PC)
+        _add(joint, "axis", xyz=axis)
         _add_transmission(root, name)
         parent = child
 
 
+def _add_joint(
+    root, name: str, kind: str, parent: str, child: str, X_PC: RigidTransform | None
+) -> ElementTree.Element:
+    """A joint; without an origin if there is no X_PC."""
+    joint = _add(root, "joint", name=name, type=kind)
+    _add(joint, "parent", link=parent)
+    _add(joint, "child", link=child)
+    if X_PC is not None:
+        _add_origin(joint, X_PC)
+    return joint
+
+
 def _add_transmission(root, joint: str) -> None:
-    element = ElementTree.SubElement(root, "transmission", name=f"{joint}_transmission")
-    ElementTree.SubElement(
-        element, "type"
-    ).text = "transmission_interface/SimpleTransmission"
-    ElementTree.SubElement(element, "joint", name=joint)
-    ElementTree.SubElement(element, "actuator", name=joint)
+    element = _add(root, "transmission", name=f"{joint}_transmission")
+    _add(element, "type").text = "transmission_interface/SimpleTransmission"
+    _add(element, "joint", name=joint)
+    _add(element, "actuator", name=joint)
 
 
 def _add_inertia(link, inertia: Inertia) -> None:
-    element = ElementTree.SubElement(link, "inertial")
+    element = _add(link, "inertial")
     _add_origin(element, inertia.X_LB)
-    ElementTree.SubElement(element, "mass", value=_text([inertia.mass]))
+    _add(element, "mass", value=inertia.mass)
     (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = inertia.moments
     values = dict(ixx=ixx, ixy=ixy, ixz=ixz, iyy=iyy, iyz=iyz, izz=izz)
     # All digits, for rounded ones of a flat body are not those of any body.
-    ElementTree.SubElement(
-        element, "inertia", **{key: repr(float(v)) for key, v in values.items()}
-    )
+    _add(element, "inertia", **{key: repr(float(v)) for key, v in values.items()})
 
 
 def _add_visual(link, visual: VisualMesh) -> None:
-    element = ElementTree.SubElement(link, "visual")
-    geometry = ElementTree.SubElement(element, "geometry")
-    ElementTree.SubElement(geometry, "mesh", filename=visual.file)
-    material = ElementTree.SubElement(element, "material", name=f"{visual.file}_colour")
-    ElementTree.SubElement(material, "color", rgba=_text(visual.rgba))
+    element = _add(link, "visual")
+    _add(_add(element, "geometry"), "mesh", filename=visual.file)
+    material = _add(element, "material", name=f"{visual.file}_colour")
+    _add(material, "color", rgba=visual.rgba)
 
 
 def _add_capsule(link, name: str, capsule: FittedCapsule) -> None:
-    element = ElementTree.SubElement(link, "collision", name=name)
+    element = _add(link, "collision", name=name)
     centre = (capsule.p_L0 + capsule.p_L1) / 2.0
     x, y, z = capsule.p_L1 - capsule.p_L0
     # Roll is free for a body of revolution about its z axis.
     rpy = (0.0, np.arctan2(np.hypot(x, y), z), np.arctan2(y, x))
     _add_origin(element, RigidTransform(RollPitchYaw(*rpy), centre))
-    geometry = ElementTree.SubElement(element, "geometry")
+    geometry, radius = _add(element, "geometry"), capsule.radius
     if capsule.length < 1e-6:
-        ElementTree.SubElement(geometry, "sphere", radius=_text([capsule.radius]))
+        _add(geometry, "sphere", radius=radius)
     else:
-        ElementTree.SubElement(
-            geometry,
-            "drake:capsule",
-            radius=_text([capsule.radius]),
-            length=_text([capsule.length]),
-        )
+        _add(geometry, "drake:capsule", radius=radius, length=capsule.length)
 
 
 def _add_origin(element, X: RigidTransform) -> None:
     rpy = RollPitchYaw(X.rotation()).vector()
-    ElementTree.SubElement(
-        element, "origin", xyz=_text(X.translation()), rpy=_text(rpy)
-    )
+    _add(element, "origin", xyz=X.translation(), rpy=rpy)
 
 
-def _text(values: Sequence[float]) -> str:
-    return " ".join(f"{value:.9g}" for value in values)
+def _add(
+    element, tag: str, **values: str | float | Sequence[float]
+) -> ElementTree.Element:
+    """An element below another, with attributes that are texts, numbers or vectors."""
+    text = {
+        key: value
+        if isinstance(value, str)
+        else " ".join(f"{number:.9g}" for number in np.ravel(value))
+        for key, value in values.items()
+    }
+    return ElementTree.SubElement(element, tag, text)

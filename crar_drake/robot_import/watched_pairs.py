@@ -19,7 +19,8 @@ from crar_drake.robot_import.anatomy import (
 from crar_drake.robot_import.capsule_fitting import Capsules
 from crar_drake.robot_import.import_report import ImportReport
 from crar_drake.robot_import.pair_sampling import sample_pairs
-from crar_drake.robot_import.source_robot import SourceRobot
+from crar_drake.robot_import.source_robot import SourceRobot, poses_in
+from crar_drake.robot_import.structure import welded_groups
 
 # How far the ground is below the soles: what pairs keep, if nothing else is said [m].
 _BELOW_SOLES = 0.005
@@ -43,7 +44,7 @@ def choose_pairs(
         plant,
         capsules,
         rest,
-        adjacent_pairs(robot, capsules),
+        candidate_pairs(robot, capsules),
         twins=link_twins(robot),
         always_watched=_hands_together(robot),
     )
@@ -60,16 +61,11 @@ def choose_pairs(
             f"{Path(choices.srdf).name} lets them touch, although they came within "
             "2 cm"
         )
-    if overlapping:
-        report.notes.append(
-            "not watched, since they touch in the rest posture: "
-            + ", ".join(map(" - ".join, overlapping))
-        )
-    if found.always:
-        report.notes.append(
-            "not watched, since they nearly always touch: "
-            + ", ".join(" - ".join(pair) for pair in found.always)
-        )
+    for why, pairs in (
+        ("touch in the rest posture", overlapping),
+        ("nearly always touch", found.always),
+    ):
+        report.note(f"not watched, since they {why}", [*map(" - ".join, pairs)])
     return overlapping
 
 
@@ -99,16 +95,14 @@ def watch_ground(
             f"{report.file}: ground: the robot has a link {GROUND!r} of its own; say "
             "-.inf"
         )
-    context = plant.CreateDefaultContext()
-    plant.SetPositions(context, rest)
+    X_W = poses_in(plant, rest, report.capsules())
     fixed = {body.name() for body in plant.GetBodiesWeldedTo(plant.world_body())}
     watched, below = [], []
     for link, capsules in report.capsules().items():
         if link in fixed:
             continue
-        X_WL = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(link))
         lowest = min(
-            X_WL.multiply(end)[2] - capsule.radius
+            X_W[link].multiply(end)[2] - capsule.radius
             for capsule in capsules
             for end in (capsule.p_L0, capsule.p_L1)
         )
@@ -160,16 +154,17 @@ def _hands_together(robot: SourceRobot) -> set[frozenset[str]]:
     return {frozenset(pair) for pair in itertools.product(*sides)}
 
 
-def adjacent_pairs(
+def candidate_pairs(
     robot: SourceRobot, capsules: Collection[str]
-) -> set[frozenset[str]]:
-    """Pairs of links with shapes that are joined, be it through bare links."""
-    pairs = set()
+) -> list[tuple[str, str]]:
+    """Pairs of links with shapes that are neither welded nor joined, be it through bare
+    links."""
+    group, joined = welded_groups(robot), set()
     for link in capsules:
-        joint = robot.parent_joint(link)
-        while joint is not None:
-            if joint.parent in capsules:
-                pairs.add(frozenset((link, joint.parent)))
-                break
-            joint = robot.parent_joint(joint.parent)
-    return pairs
+        above = (joint.parent for joint in reversed(robot.path_to(link)))
+        joined.add((next((name for name in above if name in capsules), None), link))
+    return [
+        (a, b)
+        for a, b in itertools.combinations(capsules, 2)
+        if group[a] != group[b] and not {(a, b), (b, a)} & joined
+    ]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from crar_drake.robot_import import link_fits, robot_folder
+from crar_drake.robot_import import importer, link_fits
 from crar_drake.robot_import.robot_files import robot_data_folder
 
 
@@ -28,7 +28,7 @@ def each_link_fitted_once():
 @pytest.fixture(autouse=True)
 def no_picture_of_every_robot(monkeypatch):
     """They take as long as the rest; the robot of the session has one."""
-    monkeypatch.setattr(robot_folder, "draw_robot", lambda path, *_: path.touch())
+    monkeypatch.setattr(importer, "draw_robot", lambda path, *_: path.touch())
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,7 @@
 """What leaves a robot unprotected, or looks wrong, is said aloud."""
 
+from dataclasses import replace
+
 import pytest
 from small_urdfs import humanoid, humanoid_with_legs, joint, link, robot, write
 
@@ -13,22 +15,21 @@ from crar_drake.robot_import.alarms import (
 from crar_drake.robot_import.anatomy import find_anatomy
 from crar_drake.robot_import.body_frames import guess_frames
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.meshes import with_looks
 from crar_drake.robot_import.source_urdf import read_urdf
 
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    """The small humanoid, its look and its arms."""
+    """The small humanoid and its arms."""
     read = read_urdf(write(tmp_path_factory.mktemp("small"), humanoid()))
-    parts = {name: link_parts(each) for name, each in read.links.items()}
-    return read, parts, find_anatomy(read)
+    return with_looks(read), find_anatomy(read)
 
 
 def test_nothing_to_say_about_the_small_humanoid(small, imported):
-    read, parts, anatomy = small
+    read, anatomy = small
     assert limb_alarms(read, guess_frames(read, anatomy)) == []
-    assert floor_alarms(read, parts, {}, 0.8, anatomy) == []
+    assert floor_alarms(read, {}, 0.8, anatomy) == []
     assert imported.warnings == []
 
 
@@ -59,10 +60,11 @@ def test_a_knee_that_bends_to_the_other_side_than_its_twin(
         )
         text = text.replace(old, new)
     read = read_urdf(write(tmp_path, text))
-    found = mirrored_range_alarms(read, find_anatomy(read), {})
+    found = mirrored_range_alarms(read, find_anatomy(read))
     assert len(found) == wrong
     assert all("left_knee_joint" in x and "right_knee_joint" in x for x in found)
-    assert mirrored_range_alarms(read, find_anatomy(read), {"left_knee_joint": 0}) == []
+    locked = replace(read, locked={"left_knee_joint": 0.0})
+    assert mirrored_range_alarms(locked, find_anatomy(read)) == []
 
 
 @pytest.mark.parametrize(
@@ -75,7 +77,7 @@ def test_a_knee_that_bends_to_the_other_side_than_its_twin(
     ],
 )
 def test_limbs_that_no_body_has(small, changes, words):
-    read, _, anatomy = small
+    read, anatomy = small
     frames = dict(guess_frames(read, anatomy))
     for point, (name, z) in changes.items():
         frames[point] = FrameChoice(name, [0.0, 0.0, z])
@@ -85,7 +87,7 @@ def test_limbs_that_no_body_has(small, changes, words):
 
 
 def test_hands_that_are_crossed(small):
-    read, _, anatomy = small
+    read, anatomy = small
     frames = guess_frames(read, anatomy)
     crossed = {
         name.replace("left", "x").replace("right", "left").replace("x", "right"): frame
@@ -95,20 +97,20 @@ def test_hands_that_are_crossed(small):
 
 
 def test_what_is_below_the_floor(small):
-    read, parts, anatomy = small
-    (said,) = floor_alarms(read, parts, {}, 0.7, anatomy)
+    read, anatomy = small
+    (said,) = floor_alarms(read, {}, 0.7, anatomy)
     assert "leg is 100 mm below the floor" in said
 
 
 def test_a_robot_without_legs_stands_on_its_hands(small):
-    read, parts, anatomy = small
-    upper = {name: of for name, of in parts.items() if "leg" not in name}
+    read, anatomy = small
+    upper = {name: of for name, of in read.looks.items() if "leg" not in name}
     lowest = min(
         read.poses()[name].multiply(part.vertices.T)[2].min()
         for name, of in upper.items()
         for part in of
     )
-    (said,) = floor_alarms(read, upper, {}, -lowest, anatomy)
+    (said,) = floor_alarms(replace(read, looks=upper), {}, -lowest, anatomy)
     assert "stands on its hands" in said and "waist_z" in said
 
 
@@ -137,9 +139,9 @@ def chain(sizes: list[float]) -> tuple:
     ],
 )
 def test_pairs_that_nobody_watches(tmp_path, sizes, pair, locked, words):
-    read = read_urdf(write(tmp_path, robot(chain(sizes))))
-    parts = {name: link_parts(each) for name, each in read.links.items()}
-    found = pair_alarms(read, locked, parts, {}, [["l0", "l1"]], [pair])
+    read = with_looks(read_urdf(write(tmp_path, robot(chain(sizes)))))
+    read = replace(read, locked=locked)
+    found = pair_alarms(read, read.looks, {}, [["l0", "l1"]], [pair])
     if words is None:
         assert found == []
     else:
@@ -149,11 +151,10 @@ def test_pairs_that_nobody_watches(tmp_path, sizes, pair, locked, words):
 def test_the_rest_posture_counts_not_position_zero(tmp_path):
     parts = chain([0.1, 0.1, 0.1])
     parts[-1] = joint("j2", "l1", "l2", "1 0 0", "0.3 0 0", kind="prismatic")
-    read = read_urdf(write(tmp_path, robot(parts)))
-    look = {name: link_parts(each) for name, each in read.links.items()}
+    read = with_looks(read_urdf(write(tmp_path, robot(parts))))
     pair, watched = [("l0", "l2")], [["l0", "l1"]]
-    assert pair_alarms(read, {}, look, {}, watched, pair)
-    assert not pair_alarms(read, {}, look, {"j2": -0.45}, watched, pair)
+    assert pair_alarms(read, read.looks, {}, watched, pair)
+    assert not pair_alarms(read, read.looks, {"j2": -0.45}, watched, pair)
 
 
 def test_an_import_says_so(tmp_path):

@@ -1,5 +1,7 @@
 """The first guess finds the arms of robots that exist, whatever they are called."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_urdfs import humanoid, joint, link, robot, write
@@ -10,7 +12,7 @@ from crar_drake.robot_import.anatomy import (
 )
 from crar_drake.robot_import.body_frames import guess_frames, guess_tool
 from crar_drake.robot_import.joint_groups import guess_locked
-from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.meshes import with_looks
 from crar_drake.robot_import.rest_posture import guess_rest
 from crar_drake.robot_import.robot_files import find_urdf
 from crar_drake.robot_import.source_urdf import read_urdf
@@ -196,9 +198,8 @@ def test_a_forearm_without_a_hand_has_its_wrist_near_the_tip(tmp_path):
         '<origin xyz="0 0 0"/><geometry><box size="0.3',
         '<origin xyz="0.15 0 0"/><geometry><box size="0.3',
     )
-    read = read_urdf(write(tmp_path, text))
-    parts = {name: link_parts(each) for name, each in read.links.items()}
-    frames = guess_frames(read, find_anatomy(read), parts)
+    read = with_looks(read_urdf(write(tmp_path, text)))
+    frames = guess_frames(read, find_anatomy(read))
     for side in ("left", "right"):
         wrist = frames[f"{side}_wrist"]
         assert wrist.link == f"{side}_hand"
@@ -229,9 +230,8 @@ def rolling(root: str, trunk_turns_at: float | None = None) -> str:
 )
 def test_the_waist_is_not_on_wheels(tmp_path, root, turns, height):
     """As TIAGo's, PR2's and that of robosuite's PR2."""
-    read = read_urdf(write(tmp_path, rolling(root, turns)))
-    parts = {name: link_parts(each) for name, each in read.links.items()}
-    waist = guess_frames(read, find_anatomy(read), parts)["waist"]
+    read = with_looks(read_urdf(write(tmp_path, rolling(root, turns))))
+    waist = guess_frames(read, find_anatomy(read))["waist"]
     assert waist.link == root
     np.testing.assert_allclose(waist.point, [0, 0, height], atol=1e-5)
 
@@ -261,7 +261,7 @@ def test_a_single_arm_has_a_tool_and_rests_in_the_middle(tmp_path, welded, tool)
     read = read_urdf(write(tmp_path, robot(parts)))
     assert find_anatomy(read) is None
     assert guess_tool(read)["tool"].link == tool
-    assert guess_rest(read, None, {}) == {"j3": -1.55}
+    assert guess_rest(read, None) == {"j3": -1.55}
 
 
 def test_no_chain_is_the_only_longest(tmp_path):
@@ -281,7 +281,8 @@ def test_no_chain_is_the_only_longest(tmp_path):
 def test_real_tools(robot_data, name, tool):
     read = read_urdf(find_urdf(name)[0])
     assert guess_tool(read)["tool"].link == tool
-    rest = guess_rest(read, None, guess_locked(read, None))
+    read = replace(read, locked=guess_locked(read, None))
+    rest = guess_rest(read, None)
     for joint_name, q in rest.items():
         here = read.joints[joint_name]
         assert min(q - here.lower, here.upper - q) > 0.2 * (here.upper - here.lower)

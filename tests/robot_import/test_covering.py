@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("trimesh")
 
 from crar_drake.robot_import.capsule_fitting import Fit, FittedCapsule
-from crar_drake.robot_import.covering import cover, covered
+from crar_drake.robot_import.covering import covered
 from crar_drake.robot_import.meshes import Part
 
 
@@ -43,4 +43,5 @@ def test_every_point_of_the_triangles_is_inside_afterwards():
 
 def test_capsules_that_hold_everything_do_not_grow():
     ball = (FittedCapsule(np.zeros(3), np.zeros(3), 0.1),)
-    assert cover(ball, [box(0.1, 0.1, 0.1)]) == [0.0]
+    fit, most = covered(Fit(ball, 1.0, 1.0, 0.0, 0.0), [box(0.1, 0.1, 0.1)])
+    assert (fit.capsules, most) == (ball, 0.0)

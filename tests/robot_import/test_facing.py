@@ -9,15 +9,14 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, position_tasks
 from crar_drake.robot_import import import_robot
-from crar_drake.robot_import.anatomy import find_anatomy
+from crar_drake.robot_import.anatomy import find_anatomy, find_leg_chains
 from crar_drake.robot_import.body_frames import guess_frames
 from crar_drake.robot_import.facing import (
-    find_legs,
     guess_facing,
     side_of_names,
     turned,
 )
-from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.meshes import with_looks
 from crar_drake.robot_import.robot_files import find_urdf
 from crar_drake.robot_import.source_urdf import read_urdf
 
@@ -51,9 +50,8 @@ def nameless(text: str) -> str:
 
 
 def guess(folder, text: str):
-    read = read_urdf(write(folder, text))
-    parts = {name: link_parts(each) for name, each in read.links.items()}
-    return read, guess_facing(read, parts)
+    read = with_looks(read_urdf(write(folder, text)))
+    return read, guess_facing(read)
 
 
 @pytest.mark.parametrize("facing", YAW)
@@ -76,7 +74,8 @@ def test_feet_say_it(tmp_path, facing):
     assert "feet" in found.why and "names" not in found.why
     there = turned(read, facing)
     feet = {"first_foot", "other_foot"}
-    assert set(find_legs(there, find_anatomy(there))) == feet
+    legs = find_leg_chains(there, find_anatomy(there)) or ()
+    assert {leg.joints[-1].child for leg in legs} == feet
 
 
 def test_nothing_says_it(tmp_path):
@@ -167,4 +166,4 @@ def test_refused(tmp_path):
 )
 def test_real_robots(robot_data, name, facing):
     read = read_urdf(find_urdf(name)[0])
-    assert guess_facing(read, {}).facing == facing
+    assert guess_facing(read).facing == facing

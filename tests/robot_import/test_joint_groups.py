@@ -15,7 +15,7 @@ from crar_drake.robot.task import position_tasks
 from crar_drake.robot_import import import_robot, load_choices
 from crar_drake.robot_import.anatomy import find_anatomy
 from crar_drake.robot_import.joint_groups import guess_locked, joint_groups
-from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.meshes import with_looks
 from crar_drake.robot_import.robot_files import find_urdf
 from crar_drake.robot_import.source_urdf import read_urdf
 
@@ -25,9 +25,9 @@ FINGERS = {f"{side}_arm_finger_{i}" for side in SIDES for i in (1, 2)}
 
 def groups_of(robot) -> dict[str, set[str]]:
     """Group to its joints."""
-    parts = {name: link_parts(link) for name, link in robot.links.items()}
+    robot = with_looks(robot)
     found: dict[str, set[str]] = {}
-    for name, group in joint_groups(robot, find_anatomy(robot), parts).items():
+    for name, group in joint_groups(robot, find_anatomy(robot)).items():
         found.setdefault(group, set()).add(name)
     return found
 
@@ -90,9 +90,8 @@ def test_by_default_all_is_locked_that_no_hand_hangs_on(robot_data, name):
 def test_groups_are_locked_as_asked(tmp_path, lock, locked):
     """Fingers that follow each other are locked in any case."""
     path = write(tmp_path, humanoid())
-    robot = read_urdf(path)
-    parts = {name: link_parts(link) for name, link in robot.links.items()}
-    assert set(guess_locked(robot, find_anatomy(robot), parts, lock)) == locked
+    robot = with_looks(read_urdf(path))
+    assert set(guess_locked(robot, find_anatomy(robot), lock)) == locked
 
 
 def test_the_whole_body_is_controlled(tmp_path):

@@ -1,6 +1,7 @@
 """Hips, knees, feet and head: where they are found, and what is said where not."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from crar_drake.robot_import.body_frames import (
     guess_frames,
     guess_leg_and_head_frames,
 )
-from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.meshes import with_looks
 from crar_drake.robot_import.rest_posture import bent_knees
 from crar_drake.robot_import.robot_files import find_urdf
 from crar_drake.robot_import.source_urdf import read_urdf
@@ -21,10 +22,10 @@ POINTS = {f"{s}_{n}" for s in ("left", "right") for n in ("hip", "knee", "foot")
 
 def found_in(robot):
     """The frames with their places in the root's frame, and what is lacking."""
-    parts = {name: link_parts(link) for name, link in robot.links.items()}
+    robot = with_looks(robot)
     anatomy, X = find_anatomy(robot), robot.poses()
-    frames, lacking = guess_leg_and_head_frames(robot, anatomy, parts)
-    frames = guess_frames(robot, anatomy, parts) | frames
+    frames, lacking = guess_leg_and_head_frames(robot, anatomy)
+    frames = guess_frames(robot, anatomy) | frames
     p = {k: X[f.link].multiply(np.array(f.point)) for k, f in frames.items()}
     return p, lacking
 
@@ -58,7 +59,7 @@ def test_knees_bend_ahead_and_soles_stay_level(tmp_path, reverse):
     robot = read_urdf(write(tmp_path, text))
     anatomy, straight = find_anatomy(robot), robot.poses()
     for spread in (0.0, 0.1):
-        X = robot.poses(bent_knees(robot, anatomy, {}, spread))
+        X = robot.poses(bent_knees(robot, anatomy, spread))
         for side, outwards in (("left", 1.0), ("right", -1.0)):
             hip, knee, sole = (f"{side}_{n}" for n in ("pitch", "knee", "leg"))
             p_hip, p_knee, p_sole = (X[n].translation() for n in (hip, knee, sole))
@@ -74,9 +75,10 @@ def test_knees_bend_ahead_and_soles_stay_level(tmp_path, reverse):
 def test_legs_that_are_locked_or_have_no_knees_stay(tmp_path):
     robot = read_urdf(write(tmp_path, humanoid_with_legs()))
     locked = {"left_knee_joint": 0.0, "right_knee_joint": 0.0}
-    assert not bent_knees(robot, find_anatomy(robot), locked)
+    robot = replace(robot, locked=locked)
+    assert not bent_knees(robot, find_anatomy(robot))
     robot = read_urdf(write(tmp_path, humanoid()))
-    assert not bent_knees(robot, find_anatomy(robot), {})
+    assert not bent_knees(robot, find_anatomy(robot))
 
 
 @pytest.mark.parametrize("name", ["g1_29dof_rev_1_0", "talos_full_v2", "romeo"])

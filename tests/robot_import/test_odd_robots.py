@@ -1,6 +1,7 @@
 """What robots that exist have and a body has not: found all the same, or told apart."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from crar_drake.robot_import.body_frames import (
 )
 from crar_drake.robot_import.facing import guess_facing, guess_up, turned
 from crar_drake.robot_import.joint_groups import guess_locked, joint_groups
-from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.meshes import with_looks
 from crar_drake.robot_import.rest_posture import guess_rest
 from crar_drake.robot_import.source_urdf import read_urdf
 
@@ -128,19 +129,21 @@ def test_what_is_on_one_side_alone_is_no_head(tmp_path):
             ),
         ]
     read, anatomy = _with_anatomy(tmp_path, added(text, parts))
-    looks = {name: link_parts(each) for name, each in read.links.items()}
-    frames, lacking = guess_leg_and_head_frames(read, anatomy, looks)
+    read = with_looks(read)
+    frames, lacking = guess_leg_and_head_frames(read, anatomy)
     assert frames["head"].link == "bare"
-    frames, lacking = guess_leg_and_head_frames(read, anatomy, looks | {"bare": []})
+    read = replace(read, looks=read.looks | {"bare": []})
+    frames, lacking = guess_leg_and_head_frames(read, anatomy)
     assert "head" not in frames and lacking == ["head"]
 
 
 def test_legs_without_a_shape_at_their_end_have_no_feet(tmp_path):
     """As of a model whose feet are masses alone: nothing says where its soles are."""
     read, anatomy = _with_anatomy(tmp_path, humanoid_with_legs())
-    parts = {name: link_parts(each) for name, each in read.links.items()}
-    assert has_feet(read, anatomy, parts)
-    assert not has_feet(read, anatomy, parts | {"left_leg": []})
+    read = with_looks(read)
+    assert has_feet(read, anatomy)
+    read = replace(read, looks=read.looks | {"left_leg": []})
+    assert not has_feet(read, anatomy)
 
 
 def _with_anatomy(folder, text):
@@ -170,7 +173,7 @@ def test_arms_that_cross_at_zero_keep_their_sides(tmp_path):
     ]
     read = read_urdf(write(tmp_path, robot(arm_pair(crossing))))
     assert read.poses()["left_5"].translation()[1] < -0.1
-    found = guess_facing(read, {})
+    found = guess_facing(read)
     assert (found.facing, found.doubt) == ("+x", "")
     assert find_anatomy(read).left.hand == "left_5"
     assert limb_alarms(read, guess_frames(read, find_anatomy(read))) == []
@@ -225,7 +228,7 @@ def test_an_elbow_that_turns_as_far_both_ways_bends_as_a_persons(
             part = part.replace('axis xyz="0 1 0"', 'axis xyz="0 -1 0"')
         parts.append(part)
     read, anatomy = _with_anatomy(tmp_path, robot(parts))
-    rest = guess_rest(read, anatomy, {}, frames=guess_frames(read, anatomy))
+    rest = guess_rest(read, anatomy, frames=guess_frames(read, anatomy))
     X, straight = (read.poses(q) for q in (rest, rest | STRAIGHT))
     further = 0 if forearm[2] else 2  # ahead or up
     for side, _ in SIDES:
@@ -340,7 +343,7 @@ def test_another_axis_points_up(tmp_path, up, rpy):
     parts = [link("stand", mass=0.0), weld]
     read = read_urdf(write(tmp_path, added(humanoid_with_legs(), parts)))
     assert guess_up(read) == up
-    facing = guess_facing(read, {}, up)
+    facing = guess_facing(read, up)
     assert not facing.doubt
     p = points(turned(read, facing.facing, up))
     np.testing.assert_allclose(p["left_shoulder"], [0, 0.2, 0.4], atol=1e-5)

@@ -1,5 +1,7 @@
 """Sampling tells pairs that can meet from those that cannot."""
 
+import itertools
+
 import numpy as np
 import pytest
 from pydrake.multibody.parsing import Parser
@@ -13,13 +15,14 @@ from crar_drake.robot_import.pair_sampling import (
     position_ranges,
     sample_pairs,
 )
+from crar_drake.robot_import.source_urdf import read_urdf
+from crar_drake.robot_import.watched_pairs import candidate_pairs
 
 BALL = FittedCapsule(np.zeros(3), np.zeros(3), 0.1)
 POST = FittedCapsule(np.zeros(3), np.array([0, 0, 1.0]), 0.1)
 
 
-@pytest.fixture(scope="module")
-def plant():
+def turning() -> str:
     """A ball on an arm of 1 m that turns about z by up to 90 degrees either way."""
     parts = [link("base"), link("ball"), link("tail")]
     parts += [link(name) for name in ("ahead", "aside", "behind")]
@@ -29,11 +32,32 @@ def plant():
     ]
     for name, xyz in (("ahead", "1 0 0"), ("aside", "0 1 0"), ("behind", "-1 0 0")):
         parts.append(joint(f"{name}_weld", "base", name, kind="fixed", xyz=xyz))
+    return robot(parts)
+
+
+@pytest.fixture(scope="module")
+def plant():
     plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.0)
-    Parser(plant).AddModelsFromString(robot(parts), "urdf")
+    Parser(plant).AddModelsFromString(turning(), "urdf")
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
     plant.Finalize()
     return plant
+
+
+def parted(capsules) -> list[tuple[str, str]]:
+    """All pairs of one link that moves and one that does not."""
+    pairs = itertools.combinations(capsules, 2)
+    return [pair for pair in pairs if len({"ball", "tail"} & set(pair)) == 1]
+
+
+def test_links_that_are_welded_or_joined_are_no_pair(tmp_path):
+    (tmp_path / "small.urdf").write_text(turning())
+    found = candidate_pairs(
+        read_urdf(tmp_path / "small.urdf"), ["base", "ball", "tail", "ahead"]
+    )
+    assert found == [("base", "tail"), ("ball", "ahead"), ("tail", "ahead")]
+    # Without a shape between them a joint connects these.
+    assert candidate_pairs(read_urdf(tmp_path / "small.urdf"), ["tail", "base"]) == []
 
 
 def test_each_kind(plant):
@@ -45,16 +69,14 @@ def test_each_kind(plant):
         "aside": [POST],
         "behind": [POST],
     }
-    adjacent = {frozenset(("ball", "tail"))}
-    found = sample_pairs(plant, capsules, np.array([0.0]), adjacent, 300)
+    pairs = parted(capsules)
+    found = sample_pairs(plant, capsules, np.array([0.0]), pairs, 300)
     assert found.watched == [["tail", "aside"]]
     # The ball sits in the base, and the arm points ahead, at rest.
     assert found.overlapping == [["base", "ball"], ["tail", "ahead"]]
     # Clear of what it is in at rest, the same pairs are judged by the samples.
-    moved = sample_pairs(plant, capsules, np.array([0.8]), adjacent, 300)
+    moved = sample_pairs(plant, capsules, np.array([0.8]), pairs, 300)
     assert moved.watched == [["tail", "ahead"], ["tail", "aside"]]
-    # Links that are welded together are no pair at all.
-    assert not any({"ahead", "aside"} <= set(pair) for pair in found.watched)
 
 
 def test_a_pair_is_watched_if_its_image_is(plant):
@@ -65,13 +87,14 @@ def test_a_pair_is_watched_if_its_image_is(plant):
         "ahead": [FittedCapsule(*[0.97 * above - [1.0, 0.0, 0.0]] * 2, 0.01)],
         "tail": [FittedCapsule(np.zeros(3), np.zeros(3), 0.01)],
     }
-    alone = sample_pairs(plant, capsules, np.zeros(1), set(), 100)
+    alone = sample_pairs(plant, capsules, np.zeros(1), parted(capsules), 100)
     assert alone.watched == [["ahead", "tail"]] and alone.never == 1
     twins = {"ahead": "base", "base": "ahead"}
-    alike = sample_pairs(plant, capsules, np.zeros(1), set(), 100, twins)
+    alike = sample_pairs(plant, capsules, np.zeros(1), parted(capsules), 100, twins)
     assert alike.watched == [["base", "tail"], ["ahead", "tail"]]
     also = {frozenset(("base", "tail"))}
-    asked = sample_pairs(plant, capsules, np.zeros(1), set(), 100, always_watched=also)
+    pairs = parted(capsules)
+    asked = sample_pairs(plant, capsules, np.zeros(1), pairs, 100, always_watched=also)
     assert asked.watched == alike.watched
 
 
@@ -88,7 +111,7 @@ def test_minimising_finds_what_samples_do_not(plant):
     lower, upper = distances.lower, distances.upper
     q = np.random.default_rng(0).uniform(lower, upper, size=(20, 1))
     assert distances.of_all(q).min() > 1.0
-    found = sample_pairs(plant, capsules, np.zeros(1), set(), 20)
+    found = sample_pairs(plant, capsules, np.zeros(1), pairs, 20)
     assert found.watched == [list(pairs[0])]
 
 
@@ -113,15 +136,15 @@ def test_always_in_contact(plant):
         "base": [BALL],
         "ball": [FittedCapsule(*[np.array([0.2, 0, 0])] * 2, 0.11)],
     }
-    found = sample_pairs(plant, capsules, np.array([0.0]), set(), 100)
+    found = sample_pairs(plant, capsules, np.array([0.0]), parted(capsules), 100)
     assert found.overlapping == [["base", "ball"]]
     wide = {
         "aside": [FittedCapsule(*[np.array([0, -1.0, 0])] * 2, 0.99)],
         "tail": [BALL],
     }
-    far = sample_pairs(plant, wide, np.array([0.0]), set(), 100)
+    far = sample_pairs(plant, wide, np.array([0.0]), parted(wide), 100)
     assert far.overlapping and not far.watched
 
 
 def test_nothing_to_pair(plant):
-    assert sample_pairs(plant, {"base": [BALL]}, np.zeros(1), set(), 10).watched == []
+    assert sample_pairs(plant, {"base": [BALL]}, np.zeros(1), [], 10).watched == []

@@ -1,5 +1,7 @@
 """Reading a robot's MJCF: as Drake and MuJoCo read it, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RotationMatrix
@@ -265,7 +267,7 @@ def test_a_keyframe_is_the_rest_posture_of_an_arm(tmp_path):
         robot = read(tmp_path, mjcf(chain, f"<keyframe>{more}</keyframe>"))
         expected = {f"{n}_joint": q for n, q in zip("abcd", posture, strict=True)}
         assert robot.posture == expected
-        rest = guess_rest(robot, None, {"a_joint": 0.0})
+        rest = guess_rest(replace(robot, locked={"a_joint": 0.0}), None)
         assert rest == {n: q for n, q in expected.items() if n != "a_joint" and q}
     assert read(tmp_path, mjcf(chain)).posture == {}
 

@@ -242,7 +242,7 @@ BAD = {
         sdf(model(link("a"), link("b"), joint("ab", "a", "b"))).replace(
             "<upper>1</upper>", ""
         ),
-        ["'ab' has one limit alone"],
+        ["'ab'", "-1 to inf rad: give both limits"],
     ),
     "no mesh": (
         sdf("\n\n", model(link("a"), link("b"), joint("ab", "a", "b"))).replace(

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from crar_drake.addresses import listen
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.law.parameters import PaperParameters
 from crar_drake.teleoperation import server as module
@@ -19,9 +20,9 @@ from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.heard_obstacles import HeardObstacles
 from crar_drake.teleoperation.inbox import BYTES, LINES, Inbox
 from crar_drake.teleoperation.messages import LONGEST
-from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer
 from crar_drake.teleoperation.serving import make_server
+from crar_drake.teleoperation.task_motion import TaskMotion
 
 WAIT = 120.0  # [s] for an answer, which may have to be compiled on a busy computer
 
@@ -503,7 +504,7 @@ def test_whoever_drives_gets_every_command(server, client):
 
 def test_it_listens_at_an_address_of_ip_version_6(made):
     try:
-        server = TeleoperationServer(made.motion, host="::1")
+        server = TeleoperationServer(made.motion, opened=listen("UDP", "::1"))
     except CrarError as error:
         if "not available" in str(error) or "not supported" in str(error):
             pytest.skip("this computer has no IPv6")
@@ -522,7 +523,7 @@ def test_it_listens_at_an_address_of_ip_version_6(made):
 
 def test_it_starts_where_it_is_told(made):
     model, parameters = made.motion.model, made.motion.law.parameters
-    motion = SafeMotion(model, parameters, {"left_elbow": -1.5, "torso_yaw": 0.2})
+    motion = TaskMotion(model, parameters, {"left_elbow": -1.5, "torso_yaw": 0.2})
     where = dict(zip(model.position_names, motion.q, strict=True))
     rest = dict(zip(model.position_names, model.rest_positions(), strict=True))
     assert where == {**rest, "left_elbow": -1.5, "torso_yaw": 0.2}
@@ -537,17 +538,17 @@ def test_it_starts_where_it_is_told(made):
     }  # fmt: skip
     for message, start in wrong.items():
         with pytest.raises(ScenarioError, match=message):
-            SafeMotion(model, parameters, start)
+            TaskMotion(model, parameters, start)
 
 
 def test_what_cannot_be_served(made):
     model = made.motion.model
     with pytest.raises(CrarError, match="choose another --port"):
-        TeleoperationServer(made.motion, host="127.0.0.1", port=made.address[1])
+        listen("UDP", "127.0.0.1", made.address[1])
     with pytest.raises(CrarError, match="from 0 to 65535"):
-        TeleoperationServer(made.motion, port=70000)
+        listen("UDP", port=70000)
     with pytest.raises(ScenarioError, match="needs lookahead"):
-        SafeMotion(model, PaperParameters(constraints="none"))
+        TaskMotion(model, PaperParameters(constraints="none"))
     with pytest.raises(CrarError, match="--host is empty"):
         make_server(host="")
     with pytest.raises(ScenarioError, match="--rate 5"):

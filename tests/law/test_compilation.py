@@ -232,6 +232,8 @@ def test_what_cannot_be_kept_is_said_once_and_all_goes_on(tmp_path, code):
     before = _NO_ROOM.format(code=int(code), everything=code == errno.EROFS)
     told, said = call(tmp_path / "cache", before)
     assert told["misses"] == 1 and told["turned"] == [0.0, 1.0, 0.0]
+    compiles, said = said.split("\n", 1)
+    assert compiles == f"crar_drake: {compilation.COMPILING}"
     assert said.count("\n") == 1 and os.strerror(code) in said
     assert "NUMBA_CACHE_DIR names another folder" in said
 

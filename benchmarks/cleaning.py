@@ -19,7 +19,7 @@ def cells(clip: CleanedClip) -> dict[str, str]:
     jerk = clip.jerk / clip.jerk_before if clip.jerk_before else 1.0
     return {
         "frames": f"{clip.frames} at {clip.rate:g} Hz",
-        "frames in penetration, capsules": (
+        "frames in penetration, capsules where meshes do not decide": (
             f"{clip.penetrating_before} → {clip.penetrating}"
         ),
         "smallest distance, capsules": (

@@ -20,15 +20,18 @@ _MOST_LINES = 10
 
 
 def work_on(work: FolderWork, jobs: int | None) -> list[FileResult]:
-    """Does it, and draws how many files are finished, on stderr; says there where these
-    are, if it is interrupted."""
+    """Does it, and draws how many files are finished, on stderr, or without a terminal
+    writes a line for each; says there where these are, if it is interrupted."""
     from crar_drake.references.folders import work_through
 
     with continuing(work.table.parent), progress_bar() as bar:
         task = bar.add_task("", total=None)
 
         def show(done: int, total: int, newest: FileResult) -> None:
-            what = f"{newest.source.name}{' failed' if newest.error else ''}"
+            ended = "skipped" if newest.skipped else "failed" if newest.error else ""
+            what = f"{newest.source.name} {ended}".rstrip()
+            if bar.disable:
+                print(f"{done} of {total}: {what}", file=sys.stderr, flush=True)
             bar.update(task, completed=done, total=total, description=what)
 
         return work_through(work, jobs=jobs, progress=show)

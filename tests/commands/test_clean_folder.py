@@ -86,3 +86,17 @@ def test_a_table_is_no_motion_and_a_motion_of_its_name_is_one(tmp_path):
     found = [str(p.relative_to(tmp_path)) for p in find_references(tmp_path)]
     deep = ["deep/cleaned.csv", "deep/retargeted.csv"]
     assert found == ["a.csv", *deep, "other.csv"]
+
+
+def test_without_a_terminal_each_file_has_a_line(tmp_path, capsys):
+    robot, references = write_robot(tmp_path), tmp_path / "references"
+    references.mkdir()
+    write_csv(references / "a.csv", reaching(24, 30.0, 0.5))
+    (references / "b.csv").write_text("1,2\n")
+    arguments = ["clean", str(references), "--robot", str(robot), "--jobs", "1"]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert sorted(line for line in lines if " of 2: " in line) == [
+        "1 of 2: a.csv",
+        "2 of 2: b.csv failed",
+    ]

@@ -16,7 +16,7 @@ from crar_drake.law.control_law import ControlLaw
 from crar_drake.law.controller import CrarController
 from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.play.live_sources import LiveSource, make_live
-from crar_drake.play.motion_clock import MotionClock, to_and_fro
+from crar_drake.play.motion_clock import MotionClock
 from crar_drake.play.recorder import Recorder
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import LIMIT_TOLERANCE
@@ -139,7 +139,7 @@ class LiveSimulation:
         self.pushes: list[Push] = []
         self._acting: list[Push] = []
         self.recorder = Recorder(setup, self.simulator)
-        self._set_clock()
+        self._set_targets(0.0)
         self.simulator.Initialize()
         self.simulator.AdvanceTo(0.5 * self.period)
 
@@ -151,7 +151,7 @@ class LiveSimulation:
     @property
     def phase(self) -> float:
         """Where the motion is [s]."""
-        return to_and_fro(self.clock.at(self.time)[0], self.duration)[0]
+        return self.clock.phase(self.time, self.duration)[0]
 
     @property
     def moves(self) -> bool:
@@ -180,7 +180,8 @@ class LiveSimulation:
         """
         next_time = self.time + self.period
         self._push()
-        self._drag()
+        self.moved = _on_the_way(self.moved, self.offsets, _SPEED * self.period)
+        self._set_targets(next_time)
         self._roll()
         self.simulator.AdvanceTo(next_time + 0.5 * self.period)
         self._tick += 1
@@ -229,7 +230,6 @@ class LiveSimulation:
         """Lets the motion stop where it is, or go on."""
         if on != self.moves:
             self.clock = self.clock.toward(self.time + self.period, float(on))
-            self._set_clock()
             self._note(f"motion {'on' if on else 'off'}")
 
     def push(self, frame: str, force: np.ndarray) -> None:
@@ -335,9 +335,17 @@ class LiveSimulation:
 
     # --- inside -------------------------------------------------------------------
 
-    def _set_clock(self) -> None:
-        for source, context in zip(self._sources, self._source_contexts, strict=True):
-            source.set_clock(context, self.clock)
+    def _set_targets(self, time: float) -> None:
+        """Lets the sources emit what is wanted at a tick [s]."""
+        phase, layout = self.clock.phase(time, self.duration), self.model.layout
+        x = np.zeros(layout.size_x)
+        x[layout.position_entries] = self.moved
+        # Nobody moves prescribed joints.
+        offsets = x, np.zeros(self.model.n_p)
+        for source, context, offset in zip(
+            self._sources, self._source_contexts, offsets, strict=False
+        ):
+            source.set(context, phase, offset)
 
     def _note_drag(self, words: str, where: str) -> None:
         """One drag is one event."""
@@ -352,14 +360,6 @@ class LiveSimulation:
     def _now(self) -> float:
         """Where the simulator stands: half a period after the last tick [s]."""
         return self.time + 0.5 * self.period
-
-    def _drag(self) -> None:
-        """Moves targets on their way, for the next tick."""
-        layout = self.model.layout
-        self.moved = _on_the_way(self.moved, self.offsets, _SPEED * self.period)
-        x = np.zeros(layout.size_x)
-        x[layout.position_entries] = self.moved
-        self._sources[0].set_offset(self._source_contexts[0], x)
 
     def _roll(self) -> None:
         """Moves the ball on its way, for the next tick."""

@@ -9,9 +9,7 @@ joints cannot jump to the beginning.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
-
-import numpy as np
+from dataclasses import dataclass
 
 _RAMP = 1.0  # from rest to motion and back, and round at an end, at most [s]
 
@@ -61,14 +59,16 @@ class MotionClock:
         """
         return MotionClock(time, *self.at(time), goal)
 
-    def to_vector(self) -> np.ndarray:
-        """(6,) its attributes."""
-        return np.array(astuple(self))
+    def phase(self, time: float, duration: float) -> tuple[float, float, float]:
+        """s = f(u) of a motion [s], its rate [1] and its acceleration [1/s].
 
-    @staticmethod
-    def from_vector(values: np.ndarray) -> MotionClock:
-        """The clock of `to_vector`."""
-        return MotionClock(*map(float, values))
+        Args:
+            time: not before `start` [s].
+            duration: of the motion [s].
+        """
+        way, rate, change = self.at(time)
+        phase, slope, bend = to_and_fro(way, duration)
+        return phase, slope * rate, bend * rate**2 + slope * change
 
 
 def turning_time(duration: float) -> float:

@@ -27,9 +27,15 @@ def test_a_change_begins_as_it_was_and_ends_at_its_goal():
     assert (rate, change) == pytest.approx((-1.0, 0.0))
 
 
-def test_a_vector_holds_all_of_it():
-    clock = MotionClock(0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
-    assert MotionClock.from_vector(clock.to_vector()) == clock
+def test_the_phase_goes_to_and_fro_by_the_clock():
+    clock, h = MotionClock(0.0, 1.5, 0.7, -0.4, 1.0, 2.0), 1e-5
+    for time in np.linspace(0.1, 6.0, 17):
+        (low, r_low, _), (phase, rate, change), (high, r_high, _) = (
+            clock.phase(t, 1.7) for t in (time - h, time, time + h)
+        )
+        assert phase == to_and_fro(clock.at(time)[0], 1.7)[0]
+        assert rate == pytest.approx((high - low) / (2 * h), abs=1e-6)
+        assert change == pytest.approx((r_high - r_low) / (2 * h), abs=1e-2)
 
 
 @pytest.mark.parametrize("duration", [0.3, 1.0, 4.0])

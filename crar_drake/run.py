@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 from pydrake.systems.primitives import VectorLogSink
 
@@ -29,8 +29,12 @@ from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
 from crar_drake.robot.joints import joint_units
 from crar_drake.robot.model import ControlModel
-from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
-from crar_drake.simulation.disturbances import ScaleMasses
+from crar_drake.simulation.diagram import (
+    MakeCrarDiagram,
+    MakeSimulator,
+    PrepareScenario,
+    Setup,
+)
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.simulation.warnings import moves_root, run_warnings
 
@@ -163,15 +167,7 @@ def run_scenario(
             bool(scenario.obstacles)
         )
 
-    simulator = Simulator(diagram)
-    ApplySimulatorConfig(scenario.simulator_config, simulator)
-    if scenario.disturbances.mass_scale != 1.0:
-        plant = diagram.GetSubsystemByName("plant")
-        ScaleMasses(
-            plant,
-            plant.GetMyMutableContextFromRoot(simulator.get_mutable_context()),
-            scenario.disturbances.mass_scale,
-        )
+    simulator = MakeSimulator(scenario, diagram)
     report = inspect(p) if (p := setup.motion.performer) is not None else None
     warnings = run_warnings(scenario, setup, report, recorded=record)
     with held_interrupts() as interrupts:

@@ -6,10 +6,7 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pydrake.common.value import Value
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.law.control_law import ControlLaw
@@ -20,8 +17,13 @@ from crar_drake.play.motion_clock import MotionClock
 from crar_drake.play.recorder import Recorder
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import LIMIT_TOLERANCE
-from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
-from crar_drake.simulation.disturbances import Push, ScaleMasses, applied_force
+from crar_drake.simulation.diagram import (
+    MakeCrarDiagram,
+    MakeSimulator,
+    PrepareScenario,
+    Setup,
+)
+from crar_drake.simulation.disturbances import Push, PushSource, applied_force
 from crar_drake.simulation.moving_obstacles import MovingObstacle, ObstacleSource, Place
 from crar_drake.simulation.scenario import Scenario
 
@@ -55,7 +57,7 @@ class LiveSimulation:
     that is cached of a tick becomes stale. No tick is ever left out.
 
     Attributes:
-        scenario: as it was begun; without pushes, which are done here.
+        scenario: as it was begun.
         model: the control model.
         period: of the controller [s].
         duration: of the motion [s].
@@ -84,7 +86,6 @@ class LiveSimulation:
             scenario.plant_config.time_step = scenario.controller.period
         setup = PrepareScenario(scenario)
         self.model, self.duration = setup.model, setup.motion.duration
-        self._scheduled = list(scenario.disturbances.pushes)
         parameters, simulated = scenario.controller, scenario.simulated_robot
         balls = []
         if isinstance(parameters, LookaheadParameters):
@@ -98,7 +99,6 @@ class LiveSimulation:
             scenario,
             controller=parameters,
             simulated_robot=simulated,
-            disturbances=replace(scenario.disturbances, pushes=[]),
             obstacles=[*scenario.obstacles, *balls],
             log_period=scenario.log_period or parameters.period,
         )
@@ -106,8 +106,7 @@ class LiveSimulation:
         self.setup = setup
         self.diagram = MakeCrarDiagram(self.scenario, setup=setup)
         self.period, self._tick = parameters.period, 0
-        self.simulator = Simulator(self.diagram)
-        ApplySimulatorConfig(self.scenario.simulator_config, self.simulator)
+        self.simulator = MakeSimulator(self.scenario, self.diagram)
         root = self.simulator.get_mutable_context()
         self.controller: CrarController = self.diagram.GetSubsystemByName(
             "crar_controller"
@@ -115,8 +114,6 @@ class LiveSimulation:
         self._controller_context = self.controller.GetMyMutableContextFromRoot(root)
         self.plant = self.diagram.GetSubsystemByName("plant")
         self._plant_context = self.plant.GetMyMutableContextFromRoot(root)
-        if (scale := scenario.disturbances.mass_scale) != 1.0:
-            ScaleMasses(self.plant, self._plant_context, scale)
         self._sources: list[LiveSource] = [
             self.diagram.GetSubsystemByName(name)
             for name in ("desired_tasks", "desired_prescribed")
@@ -136,8 +133,7 @@ class LiveSimulation:
         self.moved = self.offsets.copy()
         self.clock = MotionClock()
         self.events: deque[Event] = deque(maxlen=_MOST_EVENTS)
-        self.pushes: list[Push] = []
-        self._acting: list[Push] = []
+        self._pushes = list(scenario.disturbances.pushes)
         self.recorder = Recorder(setup, self.simulator)
         self._set_targets(0.0)
         self.simulator.Initialize()
@@ -179,7 +175,6 @@ class LiveSimulation:
             Exception: what stopped the simulation; it cannot go on.
         """
         next_time = self.time + self.period
-        self._push()
         self.moved = _on_the_way(self.moved, self.offsets, _SPEED * self.period)
         self._set_targets(next_time)
         self._roll()
@@ -244,24 +239,29 @@ class LiveSimulation:
             CrarError: all pushes together would be too strong.
         """
         push = Push(frame, list(map(float, force)), self._now, PUSH_TIME)
-        applied_force(
-            self.plant, self.model.description.task_frames, push
-        )  # refuses others
-        acting = [p for p in self._scheduled if p.start <= push.start]
-        total = sum(np.linalg.norm(p.force) for p in (*acting, push))
+        frames = self.model.description.task_frames
+        applied = applied_force(self.plant, frames, push)
+        acting = [p.force for p in self._pushes if p.acts(push.start)]
+        total = sum(map(np.linalg.norm, (*acting, push.force)))
         if total > MOST_PUSHED:
             raise CrarError(
                 f"pushes of {total:.0f} N together; at most {MOST_PUSHED:g} N act at a "
                 f"time, each for {PUSH_TIME:g} s"
             )
-        self._scheduled.append(push)
+        source: PushSource = self.diagram.GetSubsystemByName("pushes")
+        root = self.simulator.get_mutable_context()
+        source.add(source.GetMyMutableContextFromRoot(root), push, applied)
+        self._pushes.append(push)
         x, y, z = push.force
         self._note(f"{frame} pushed by {x:.0f}, {y:.0f}, {z:.0f} N")
 
     @property
     def pushed(self) -> bool:
-        """Whether a push acts now."""
-        return bool(self._acting)
+        """Whether a push acted since the last tick."""
+        return any(
+            push.start < self._now and self.time < push.start + push.duration
+            for push in self._pushes
+        )
 
     # --- what is to be seen -------------------------------------------------------
 
@@ -312,12 +312,11 @@ class LiveSimulation:
 
     def logged_scenario(self) -> Scenario:
         """The scenario that says what was done: its changes and pushes."""
+        pushes = [push for push in self._pushes if push.start < self._now]
         return replace(
             self.scenario,
             description="\n".join([self.reported(), *self._changes()]),
-            disturbances=replace(
-                self.scenario.disturbances, pushes=[*self.pushes, *self._acting]
-            ),
+            disturbances=replace(self.scenario.disturbances, pushes=pushes),
         )
 
     def _changes(self) -> list[str]:
@@ -371,27 +370,6 @@ class LiveSimulation:
         shift = np.zeros((len(self.scenario.obstacles), 3))
         shift[-1] = self.ball - self._ball_home
         self._obstacles.shift(self._obstacles_context, shift)
-
-    def _push(self) -> None:
-        """Lets the forces of the next period act."""
-        now = self._now + 1e-9  # a push may begin at just this time
-        acting = [
-            push
-            for push in self._scheduled
-            if push.start <= now < push.start + push.duration
-        ]
-        if acting == self._acting:
-            return
-        self.pushes += [push for push in self._acting if push not in acting]
-        self._scheduled = [
-            push for push in self._scheduled if push.start + push.duration > now
-        ]
-        self._acting = acting
-        frames = self.model.description.task_frames
-        forces = Value[list[ExternallyAppliedSpatialForce]]()
-        forces.set_value([applied_force(self.plant, frames, push) for push in acting])
-        port = self.plant.get_applied_spatial_force_input_port()
-        port.FixValue(self._plant_context, forces)
 
 
 def _on_the_way(here: np.ndarray, goal: np.ndarray, most: float) -> np.ndarray:

@@ -11,6 +11,7 @@ from pydrake.geometry import (
 )
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
@@ -27,7 +28,12 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.standing import standing_description
 from crar_drake.simulation.builders import AddStandingController, connect_controller
 from crar_drake.simulation.contact_ground import add_contact_ground
-from crar_drake.simulation.disturbances import AddMeasurement, PushSource, TargetStep
+from crar_drake.simulation.disturbances import (
+    AddMeasurement,
+    PushSource,
+    ScaleMasses,
+    TargetStep,
+)
 from crar_drake.simulation.moving_obstacles import ObstacleSource
 from crar_drake.simulation.scenario import Scenario, SimulatedRobot
 from crar_drake.simulation.visuals import draw_collision_shapes, set_surroundings
@@ -142,7 +148,7 @@ def MakeCrarDiagram(
     which a "standing_controller" lets the robot on the floor follow; the logs are then
     those of "actuation" and "acceleration" of that one, too.
 
-    Subsystems, by name: "plant", "scene_graph", "crar_controller",
+    Subsystems, by name: "plant", "scene_graph", "crar_controller", "pushes",
     "desired_tasks", (if there are prescribed joints) "desired_prescribed" and (if there
     are any) "obstacles"; one "log_state", "log_desired_tasks" and "log_diagnostics" (of
     the controller), "log_obstacles"; with `meshcat` its visualiser. The plant asks its
@@ -211,13 +217,12 @@ def MakeCrarDiagram(
         builder.Connect(tasks, jump.get_input_port())
         tasks = jump.get_output_port()
     builder.Connect(tasks, controller.get_input_port_desired_tasks())
-    if disturbances.pushes:
-        pushes = builder.AddSystem(
-            PushSource(plant, model.description.task_frames, disturbances.pushes)
-        )
-        builder.Connect(
-            pushes.get_output_port(), plant.get_applied_spatial_force_input_port()
-        )
+    pushes = builder.AddSystem(
+        PushSource(plant, model.description.task_frames, disturbances.pushes)
+    )
+    builder.Connect(
+        pushes.get_output_port(), plant.get_applied_spatial_force_input_port()
+    )
     if setup.motion.MakePrescribedSource is not None:
         prescribed = builder.AddNamedSystem(
             "desired_prescribed", setup.motion.MakePrescribedSource()
@@ -247,6 +252,17 @@ def MakeCrarDiagram(
     diagram = builder.Build()
     diagram.set_name("crar")
     return diagram
+
+
+def MakeSimulator(scenario: Scenario, diagram: Diagram) -> Simulator:
+    """The simulator of a scenario's diagram, with the masses that it has there."""
+    simulator = Simulator(diagram)
+    ApplySimulatorConfig(scenario.simulator_config, simulator)
+    if (scale := scenario.disturbances.mass_scale) != 1.0:
+        plant = diagram.GetSubsystemByName("plant")
+        context = simulator.get_mutable_context()
+        ScaleMasses(plant, plant.GetMyMutableContextFromRoot(context), scale)
+    return simulator
 
 
 def _lift_limits(plant: MultibodyPlant, simulated: SimulatedRobot) -> None:

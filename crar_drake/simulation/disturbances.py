@@ -31,6 +31,10 @@ class Push:
     start: float = 0.0  # when it begins [s]
     duration: float = 0.0  # how long it lasts [s]
 
+    def acts(self, time: float) -> bool:
+        """Whether it does at a time [s]."""
+        return self.start <= time < self.start + self.duration
+
 
 @dataclass
 class TargetJump:
@@ -110,7 +114,10 @@ def applied_force(
 
 
 class PushSource(LeafSystem):
-    """Emits the pushes that act now, for a plant's applied_spatial_force port."""
+    """Emits the pushes that act now, for a plant's applied_spatial_force port.
+
+    They are a parameter of the context, to which more can be added.
+    """
 
     def __init__(
         self, plant: MultibodyPlant, task_frames: dict[str, str], pushes: list[Push]
@@ -121,24 +128,36 @@ class PushSource(LeafSystem):
         """
         super().__init__()
         self.set_name("pushes")
-        self._pushes = [
-            (
-                push.start,
-                push.start + push.duration,
-                applied_force(plant, task_frames, push),
-            )
-            for push in pushes
-        ]
+        forces = [(push, applied_force(plant, task_frames, push)) for push in pushes]
+        self._pushes = self.DeclareAbstractParameter(AbstractValue.Make(forces))
         self.DeclareAbstractOutputPort(
             "applied_spatial_force",
             lambda: Value[list[ExternallyAppliedSpatialForce]](),
             self._Calc,
-            {self.time_ticket()},
+            {self.time_ticket(), self.all_parameters_ticket()},
         )
+
+    def add(
+        self, context: Context, push: Push, force: ExternallyAppliedSpatialForce
+    ) -> None:
+        """Lets one more push act, in a context of the system.
+
+        Args:
+            push: when it acts; those that were over before it are dropped.
+            force: of `applied_force`.
+        """
+        pushes = context.get_mutable_abstract_parameter(int(self._pushes))
+        kept = [
+            (each, its)
+            for each, its in pushes.get_value()
+            if each.start + each.duration > push.start
+        ]
+        pushes.set_value([*kept, (push, force)])
 
     def _Calc(self, context: Context, output: AbstractValue) -> None:
         time = context.get_time()
-        output.set_value([f for start, end, f in self._pushes if start <= time < end])
+        pushes = context.get_abstract_parameter(int(self._pushes)).get_value()
+        output.set_value([force for push, force in pushes if push.acts(time)])
 
 
 class TargetStep(LeafSystem):

@@ -21,6 +21,12 @@ STATUS_TRACKING = 0.0  # the targets as given
 STATUS_BLENDING = 1.0  # on the way onto the targets
 STATUS_BRAKING = 2.0  # a target is NaN: coming to rest
 STATUS_IMPLAUSIBLE = 3.0  # no robot has the measured state: coming to rest
+STATUS_WORDS = {
+    STATUS_TRACKING: "tracking",
+    STATUS_BLENDING: "blending",
+    STATUS_BRAKING: "braking",
+    STATUS_IMPLAUSIBLE: "braking",
+}
 
 
 _NAN = np.full(4, np.nan)

@@ -36,7 +36,7 @@ from crar_drake.robot.model import ControlModel
 Joints = ArrayLike | Mapping[str, float]
 
 NOMINAL, BRAKING, OBSTACLE = "nominal", "braking", MovingSpheres.name
-_HOW = {AS_NOMINAL: NOMINAL, CORRECTED: "corrected", SCALED: "scaled"}
+HOW = {AS_NOMINAL: NOMINAL, CORRECTED: "corrected", SCALED: "scaled"}
 CATCHING_UP, NO_NUMBER, NO_SENSE = "catching up", "no number", "no sense"
 NOT_FOLLOWED = "tracking error"
 _ROUNDING = 1e-9  # of a tracking error [rad or m]
@@ -424,7 +424,7 @@ class SafetyFilter:
                 beyond = of.limits.beyond(state.q)
                 why, joint = of.limits.name, int(np.argmax(beyond))
         return FilterReport(
-            _HOW[how],
+            HOW[how],
             float(found.share),
             why,
             pair,

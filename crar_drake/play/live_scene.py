@@ -11,12 +11,8 @@ from dataclasses import replace
 import numpy as np
 from pydrake.geometry import Meshcat
 
-from crar_drake.law.records import (
-    STATUS_BLENDING,
-    STATUS_BRAKING,
-    STATUS_IMPLAUSIBLE,
-)
-from crar_drake.law.step import CORRECTED, SCALED
+from crar_drake.law.records import STATUS_WORDS
+from crar_drake.law.safety_filter import HOW, NOMINAL
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import Pacer
 from crar_drake.results.marks import NEARNESS_STEPS
@@ -28,9 +24,8 @@ from crar_drake.simulation.visuals import set_surroundings
 PREFIX = "/crar/robot0"
 NEAR_PAIRS = 8  # of which at most the page shows how near they are
 
-_STATUS = dict.fromkeys((STATUS_BRAKING, STATUS_IMPLAUSIBLE), "braking")
-_STATUS[STATUS_BLENDING] = "blending in"
-_ADMITTED = {CORRECTED: "corrected", SCALED: "slowed down"}
+# What the page calls what a law reports; else as that does.
+_CALLED = {"blending": "blending in", "scaled": "slowed down"}
 _PROMISES = {
     "none": "no constraints: nothing is guaranteed",
     "paper": "the paper's constraints: nothing is guaranteed",
@@ -89,6 +84,8 @@ class LiveScene:
         here = live.setup.simulated.tasks_at(live.positions())
         reached = here[self._positions].reshape(-1, 3)
         admission = parts["admission"]
+        status = STATUS_WORDS[float(parts["status"][0])]
+        found = HOW.get(float(admission[0]), NOMINAL)
         return {
             "time": _short(live.time, 3),
             "paused": pacer.paused,
@@ -108,8 +105,8 @@ class LiveScene:
             ),
             "near": self._near(distances),
             "smallest": _short(distances.min(initial=math.inf), 5),
-            "status": _STATUS.get(float(parts["status"][0]), "tracking"),
-            "admitted": _ADMITTED.get(float(admission[0]), "nominal"),
+            "status": _CALLED.get(status, status),
+            "admitted": _CALLED.get(found, found),
             "promise": self._promise(distances.min(initial=math.inf), admission[3]),
             "notice": notice,
             "changes": len(live.events),

@@ -4,26 +4,25 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from crar_drake.errors import ScenarioError
 from crar_drake.law.blending import blend_vectors, smooth_step
 from crar_drake.law.obstacles import Obstacles
 from crar_drake.law.safety_filter import (
     BRAKING,
     NO_NUMBER,
+    NOMINAL,
     OBSTACLE,
     FilterMemory,
     SafetyFilter,
 )
 from crar_drake.law.tasks import TaskLayout
 from crar_drake.teleoperation.safe_motion import (
-    AT_REST,
     Moved,
+    SafeMotion,
     because_of,
-    start_positions,
 )
 
 
-class FilteredMotion:
+class FilteredMotion(SafeMotion):
     """A safety filter of joint commands in a loop with its own command.
 
     Targets are positions of joints, each a task of its name. At first, and after a time
@@ -31,14 +30,7 @@ class FilteredMotion:
 
     Attributes:
         filter: of the robot.
-        model: of it.
-        layout: of the tasks.
-        period: [s].
-        no_obstacles: "": it keeps off obstacles that move.
-        q, v: (n,) the state.
     """
-
-    no_obstacles = ""
 
     def __init__(
         self,
@@ -48,7 +40,7 @@ class FilteredMotion:
     ) -> None:
         """
         Args:
-            start: as of `SafeMotion`.
+            start: as of `begin`.
             blend_time: how long targets are blended in [s].
 
         Raises:
@@ -60,59 +52,26 @@ class FilteredMotion:
         self.layout = TaskLayout(names, ("joint",) * len(names))
         self._workspace = self.model.MakeWorkspace()
         safety_filter.compile(obstacles=True)
-        self._rest(safety_filter.start())
-        if start:
-            self.begin(start)
+        self.begin(start)
 
-    def _rest(self, memory: FilterMemory) -> None:
-        self._memory = memory
-        self._start, self._blended = memory.q, 0.0  # from where, and how long [s]
+    def _stand(self, q: np.ndarray) -> None:
+        self._remember(self.filter.start(q))
+        self._start, self._blended = q, 0.0  # from where, and how long [s]
 
-    @property
-    def q(self) -> np.ndarray:
-        return self._memory.q
+    def _remember(self, memory: FilterMemory) -> None:
+        self._memory, self.q, self.v = memory, memory.q, memory.v
 
-    @property
-    def v(self) -> np.ndarray:
-        return self._memory.v
-
-    @property
-    def at_rest(self) -> bool:
-        return bool(np.abs(self.v).max(initial=0.0) < AT_REST)
-
-    def begin(self, start: Mapping[str, float]) -> None:
-        """Begins anew, at rest.
-
-        Args:
-            start: joint to where it is [rad or m]; the others are as at rest.
-
-        Raises:
-            ScenarioError: the robot cannot start there: a joint is not known or beyond
-                its limits, or its links are nearer than the floor.
-        """
-        memory = self.filter.start(start_positions(self.model, start))
-        report = self.filter.solve(memory, memory.q).command.report
-        if not report.clear:
-            links = " - ".join(report.pair) if report.pair else "links"
-            raise ScenarioError(f"start: {links} are nearer there than the floor")
-        self._rest(memory)
-
-    def stop_here(self) -> None:
-        """The robot is where it is, at rest: nobody has commanded it to move for
-        long."""
-        self._rest(self.filter.start(self.q))
+    def _wrong_here(self) -> str:
+        report = self.filter.solve(self._memory, self.q).command.report
+        if report.clear:
+            return ""
+        links = " - ".join(report.pair) if report.pair else "links"
+        return f"{links} are nearer there than the floor"
 
     def where(self) -> np.ndarray:
-        """(layout.size,) [x; 0; 0] of the joints now."""
         return np.concatenate([self.q, np.zeros(2 * len(self.q))])
 
     def move(self, tasks: np.ndarray, obstacles: Obstacles | None = None) -> Moved:
-        """One step of the filter.
-
-        Args:
-            tasks: (layout.size,) targets; NaN where there are none.
-            obstacles: that move by themselves, as they are now.
-        """
         n, (q, v) = len(self.q), (self.q, self.v)
         wanted, rate = tasks[:n], tasks[n : 2 * n]
         wanted = wanted + self.period * rate  # at the end of the period
@@ -124,8 +83,8 @@ class FilteredMotion:
             step = smooth_step.py_func(self._blended, self._blend_time)
             blended = blend_vectors.py_func(self._start, wanted, rate, 0.0, step)
             wanted, rate, _ = blended
-        self._memory = self.filter.solve(
-            self._memory, wanted, rate, obstacles=obstacles
+        self._remember(
+            self.filter.solve(self._memory, wanted, rate, obstacles=obstacles)
         )
         command = self._memory.command
         report = command.report
@@ -135,7 +94,7 @@ class FilteredMotion:
         brakes = report.how == BRAKING
         return Moved(
             status="braking" if brakes else "blending" if blends else "tracking",
-            admitted="nominal" if brakes else report.how,
+            admitted=NOMINAL if brakes else report.how,
             distance=report.clearance,
             torques=self.model.inverse_dynamics(self._workspace, command.a),
             why=_in_words(report),

@@ -21,7 +21,6 @@ import numpy as np
 
 from crar_drake.addresses import cannot_listen, check_address, family_of
 from crar_drake.strict_json import MessageError
-from crar_drake.teleoperation.filtered_motion import FilteredMotion
 from crar_drake.teleoperation.followed_robot import FollowedRobot
 from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.heard_obstacles import HeardObstacles
@@ -176,7 +175,7 @@ class TeleoperationServer:
 
     def __init__(
         self,
-        motion: SafeMotion | FilteredMotion,
+        motion: SafeMotion,
         gate: Gate | None = None,
         host: str = "127.0.0.1",
         port: int = 0,

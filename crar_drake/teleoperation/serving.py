@@ -20,8 +20,8 @@ from crar_drake.robot.standing import standing_description
 from crar_drake.simulation.scenario import Scenario, load_scenario
 from crar_drake.teleoperation.filtered_motion import FilteredMotion
 from crar_drake.teleoperation.gate import Gate
-from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer, listen
+from crar_drake.teleoperation.task_motion import TaskMotion
 
 
 def make_server(
@@ -50,7 +50,7 @@ def make_server(
             safe; of the scenario the robot and `lookahead.tracking_error` count then.
         rate: commands per second [Hz].
         gate: what a target may be.
-        start: see `SafeMotion`.
+        start: see `SafeMotion.begin`.
         host, port, latency, tracking_error, start_measured: see
             `TeleoperationServer`.
 
@@ -114,7 +114,7 @@ def _make_filtered(
 
 def _make_motion(
     scenario: Scenario, rate: float, start: Mapping[str, float] | None
-) -> SafeMotion:
+) -> TaskMotion:
     with _naming_rate(rate):
         parameters = with_constraints(scenario.controller, "lookahead")
         parameters = replace(parameters, period=1.0 / rate)
@@ -125,7 +125,7 @@ def _make_motion(
     model = ControlModel.FromDescription(
         description, scenario.task_list(), time_step=1.0 / rate
     )
-    return SafeMotion(model, parameters, start)
+    return TaskMotion(model, parameters, start)
 
 
 @contextmanager

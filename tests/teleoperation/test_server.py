@@ -19,9 +19,9 @@ from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.heard_obstacles import HeardObstacles
 from crar_drake.teleoperation.inbox import BYTES, LINES, Inbox
 from crar_drake.teleoperation.messages import LONGEST
-from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer
 from crar_drake.teleoperation.serving import make_server
+from crar_drake.teleoperation.task_motion import TaskMotion
 
 WAIT = 120.0  # [s] for an answer, which may have to be compiled on a busy computer
 
@@ -522,7 +522,7 @@ def test_it_listens_at_an_address_of_ip_version_6(made):
 
 def test_it_starts_where_it_is_told(made):
     model, parameters = made.motion.model, made.motion.law.parameters
-    motion = SafeMotion(model, parameters, {"left_elbow": -1.5, "torso_yaw": 0.2})
+    motion = TaskMotion(model, parameters, {"left_elbow": -1.5, "torso_yaw": 0.2})
     where = dict(zip(model.position_names, motion.q, strict=True))
     rest = dict(zip(model.position_names, model.rest_positions(), strict=True))
     assert where == {**rest, "left_elbow": -1.5, "torso_yaw": 0.2}
@@ -537,7 +537,7 @@ def test_it_starts_where_it_is_told(made):
     }  # fmt: skip
     for message, start in wrong.items():
         with pytest.raises(ScenarioError, match=message):
-            SafeMotion(model, parameters, start)
+            TaskMotion(model, parameters, start)
 
 
 def test_what_cannot_be_served(made):
@@ -547,7 +547,7 @@ def test_what_cannot_be_served(made):
     with pytest.raises(CrarError, match="from 0 to 65535"):
         TeleoperationServer(made.motion, port=70000)
     with pytest.raises(ScenarioError, match="needs lookahead"):
-        SafeMotion(model, PaperParameters(constraints="none"))
+        TaskMotion(model, PaperParameters(constraints="none"))
     with pytest.raises(CrarError, match="--host is empty"):
         make_server(host="")
     with pytest.raises(ScenarioError, match="--rate 5"):

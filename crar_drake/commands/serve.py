@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 
+from crar_drake.addresses import in_words
 from crar_drake.commands.options import (
     EXPERIMENT_HELP,
     EXPERIMENTS,
@@ -117,11 +118,9 @@ def run(arguments: argparse.Namespace) -> None:
             host=arguments.host,
             port=arguments.port,
         )
-    host, port = server.address
-    host = f"[{host}]" if ":" in host else host
     model = server.motion.model
     tasks = ", ".join(server.motion.layout.names)
-    print(f"{model.description.name}: UDP at {host}:{port}", flush=True)
+    print(f"{model.description.name}: UDP at {in_words(*server.address)}", flush=True)
     before = "the robot to say where it is, then for " if measured else ""
     print(f"waits for {before}targets of {tasks}; Ctrl-C ends it", flush=True)
     with held_interrupts() as interrupts:

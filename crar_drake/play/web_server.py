@@ -20,7 +20,7 @@ import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-from crar_drake.addresses import cannot_listen, check_address
+from crar_drake.addresses import in_words, listen
 from crar_drake.play.requests import LONGEST, Request, parse
 from crar_drake.strict_json import MessageError
 
@@ -49,24 +49,18 @@ class PlayServer:
     def __init__(self, host: str, port: int) -> None:
         """
         Args:
-            host: that of another interface than the loopback lets everybody there move
-                the robot.
-            port: 0 takes one that is free.
+            host, port: see `listen`.
 
         Raises:
             CrarError: nothing can listen there.
         """
-        check_address(host, port)
         self.requests: queue.Queue[Request] = queue.Queue(_MOST_WAITING)
         self._files: dict[str, tuple[str, bytes]] = {}
         self._frame, self._number = b"", 0
         self._changed = threading.Condition()
         self._closed, self._pages = False, 0
         self._asked, self._handed = -_PATIENCE, 0
-        try:
-            self._http = _Http((host, port), self)
-        except OSError as error:
-            raise cannot_listen("HTTP", host, port, error) from error
+        self._http = _Http(listen("HTTP", host, port), self)
         self.address: tuple[str, int] = self._http.server_address[:2]
         self._thread = threading.Thread(
             target=self._http.serve_forever, args=(0.05,), daemon=True
@@ -78,7 +72,7 @@ class PlayServer:
         host, port = self.address
         if host in ("0.0.0.0", "::"):
             host = "localhost"
-        return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
+        return f"http://{in_words(host, port)}/"
 
     def start(self, page: str, viewer: bytes) -> None:
         """Begins to serve."""
@@ -142,20 +136,12 @@ class PlayServer:
 
 class _Http(ThreadingHTTPServer):
     daemon_threads = True
-    request_queue_size = 32
 
-    def __init__(self, address: tuple[str, int], play: PlayServer) -> None:
-        if ":" in address[0]:
-            self.address_family = socket.AF_INET6
-        self.play = play
-        super().__init__(address, _Handler)
-
-    def server_bind(self) -> None:
-        # Without the look-up of the computer's name, which can take long.
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self.socket.bind(self.server_address)
-        self.server_address = self.socket.getsockname()
-        self.server_name, self.server_port = self.server_address[:2]
+    def __init__(self, opened: socket.socket, play: PlayServer) -> None:
+        # Its own binding looks the computer's name up, which can take long.
+        super().__init__(opened.getsockname(), _Handler, bind_and_activate=False)
+        self.socket.close()
+        self.socket, self.play = opened, play
 
     def handle_error(self, request: object, client_address: object) -> None:
         """A browser that goes away in the middle is no error."""

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crar_drake.addresses import cannot_listen, check_address, family_of
+from crar_drake.addresses import in_words, listen
 from crar_drake.strict_json import MessageError
 from crar_drake.teleoperation.followed_robot import FollowedRobot
 from crar_drake.teleoperation.gate import Gate
@@ -139,28 +139,6 @@ class Statistics:
         return lines
 
 
-def listen(host: str = "127.0.0.1", port: int = 0) -> socket.socket:
-    """A socket for datagrams, bound.
-
-    Args:
-        host: that of another interface than the loopback lets everybody there move the
-            robot.
-        port: 0 takes one that is free.
-
-    Raises:
-        CrarError: nothing can listen there.
-    """
-    check_address(host, port)
-    opened = socket.socket(family_of(host), socket.SOCK_DGRAM)
-    opened.setblocking(False)
-    try:
-        opened.bind((host, port))
-    except OSError as error:
-        opened.close()
-        raise cannot_listen("UDP", host, port, error) from error
-    return opened
-
-
 class TeleoperationServer:
     """A safe motion that whoever sends targets moves.
 
@@ -177,8 +155,6 @@ class TeleoperationServer:
         self,
         motion: SafeMotion,
         gate: Gate | None = None,
-        host: str = "127.0.0.1",
-        port: int = 0,
         opened: socket.socket | None = None,
         latency: float = 0.0,
         tracking_error: float = math.inf,
@@ -187,17 +163,13 @@ class TeleoperationServer:
         """
         Args:
             gate: what a target may be.
-            host, port: see `listen`.
-            opened: of `listen`, instead of a new one; it is closed here then.
+            opened: of `addresses.listen`, by default a new one; it is closed here.
             latency: of measured positions [s].
             tracking_error: where a joint is farther than this from what it was told,
                 or the robot is not heard for the gate's timeout, the motion brakes
                 [rad or m]; infinite: never.
             start_measured: whether `run` waits until the robot is heard, and begins
                 where it is.
-
-        Raises:
-            CrarError: nothing can listen there.
         """
         self.motion = motion
         model = motion.model
@@ -207,7 +179,8 @@ class TeleoperationServer:
         self.robot = FollowedRobot(model.position_names, latency, tracking_error)
         self.obstacles = HeardObstacles(motion.no_obstacles)
         self._start_measured = start_measured
-        self._socket = opened or listen(host, port)
+        self._socket = opened or listen("UDP")
+        self._socket.setblocking(False)
         self.address: Address = self._socket.getsockname()[:2]
         self._clients: dict[Address, _Client] = {}
         self._driver: Address | None = None  # whose targets are followed
@@ -437,8 +410,7 @@ class TeleoperationServer:
         """Who drives; None if nobody has for a while."""
         if now - self._driven > self.stream.gate.timeout:
             return None
-        host, port = self._driver[:2]
-        return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        return in_words(*self._driver[:2])
 
     def _send(self, command: Command, now: float) -> None:
         self._clients = {

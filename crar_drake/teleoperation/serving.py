@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from crar_drake.addresses import listen
 from crar_drake.errors import ScenarioError
 from crar_drake.law.parameters import (
     LookaheadParameters,
@@ -20,7 +21,7 @@ from crar_drake.robot.standing import standing_description
 from crar_drake.simulation.scenario import Scenario, load_scenario
 from crar_drake.teleoperation.filtered_motion import FilteredMotion
 from crar_drake.teleoperation.gate import Gate
-from crar_drake.teleoperation.server import TeleoperationServer, listen
+from crar_drake.teleoperation.server import TeleoperationServer
 from crar_drake.teleoperation.task_motion import TaskMotion
 
 
@@ -51,14 +52,14 @@ def make_server(
         rate: commands per second [Hz].
         gate: what a target may be.
         start: see `SafeMotion.begin`.
-        host, port, latency, tracking_error, start_measured: see
-            `TeleoperationServer`.
+        host, port: see `listen`.
+        latency, tracking_error, start_measured: see `TeleoperationServer`.
 
     Raises:
         CrarError: something in the scenario or the robot is wrong, or nothing can
             listen there.
     """
-    opened = listen(host, port)  # what takes no time to find out comes first
+    opened = listen("UDP", host, port)  # what takes no time to find out comes first
     try:
         if joints and experiment:
             raise ScenarioError(

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from crar_drake.addresses import listen
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.law.parameters import PaperParameters
 from crar_drake.teleoperation import server as module
@@ -503,7 +504,7 @@ def test_whoever_drives_gets_every_command(server, client):
 
 def test_it_listens_at_an_address_of_ip_version_6(made):
     try:
-        server = TeleoperationServer(made.motion, host="::1")
+        server = TeleoperationServer(made.motion, opened=listen("UDP", "::1"))
     except CrarError as error:
         if "not available" in str(error) or "not supported" in str(error):
             pytest.skip("this computer has no IPv6")
@@ -543,9 +544,9 @@ def test_it_starts_where_it_is_told(made):
 def test_what_cannot_be_served(made):
     model = made.motion.model
     with pytest.raises(CrarError, match="choose another --port"):
-        TeleoperationServer(made.motion, host="127.0.0.1", port=made.address[1])
+        listen("UDP", "127.0.0.1", made.address[1])
     with pytest.raises(CrarError, match="from 0 to 65535"):
-        TeleoperationServer(made.motion, port=70000)
+        listen("UDP", port=70000)
     with pytest.raises(ScenarioError, match="needs lookahead"):
         TaskMotion(model, PaperParameters(constraints="none"))
     with pytest.raises(CrarError, match="--host is empty"):

@@ -6,6 +6,8 @@ Nothing that is read is run, and what is wrong is one kind of error.
 import json
 import math
 
+import numpy as np
+
 from crar_drake.errors import CrarError
 
 
@@ -60,6 +62,18 @@ def numbers(name: str, value: object, count: int, most: float) -> list[float]:
     if not isinstance(value, list) or len(value) != count:
         raise MessageError(f"{name} is {count} numbers")
     return [number(x, -most, most) for x in value]
+
+
+def finite(value: float | np.ndarray, digits: int) -> float | None | list:
+    """What is to be said, for JSON, which has no infinity and no NaN.
+
+    Args:
+        value: a number, or an array of any shape.
+        digits: behind the point.
+    """
+    if np.ndim(value):
+        return [finite(each, digits) for each in value]
+    return round(float(value), digits) if math.isfinite(value) else None
 
 
 def _refuse(constant: str) -> float:

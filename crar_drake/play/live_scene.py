@@ -13,13 +13,14 @@ from pydrake.geometry import Meshcat
 
 from crar_drake.law.records import STATUS_WORDS
 from crar_drake.law.safety_filter import HOW, NOMINAL
-from crar_drake.play.live_simulation import LiveSimulation
+from crar_drake.play.live_simulation import LiveSimulation, points_of
 from crar_drake.play.pacing import Pacer
 from crar_drake.results.marks import NEARNESS_STEPS
 from crar_drake.results.recorded_page import spoken
 from crar_drake.results.recorded_run import DrawnRobot, poses_of
 from crar_drake.robot.description import GROUND
 from crar_drake.simulation.visuals import set_surroundings
+from crar_drake.strict_json import finite
 
 PREFIX = "/crar/robot0"
 NEAR_PAIRS = 8  # of which at most the page shows how near they are
@@ -58,13 +59,10 @@ class LiveScene:
         self._warning = scenario.warning_distance
         above = np.array([GROUND in names for names in live.model.pairs.names], bool)
         self._above_ground = above & (not above.all())
-        self._positions = live.model.layout.position_entries.ravel()
         _, points = self.robot.pose_links(live.positions())
-        ways = live.setup.motion.tasks_at
-        times = np.linspace(0.0, live.duration, 60)
-        wanted = [ways(t)[self._positions].reshape(-1, 3) for t in times]
+        wanted = points_of(live.setup.motion, live.model.layout)
         ball = [] if live.ball is None else [live.ball[None]]
-        self.outline = np.vstack([points, *wanted, *ball])
+        self.outline = np.vstack([points, wanted, *ball])
 
     def frame(self, pacer: Pacer, now: float, notice: str) -> dict:
         """What the page shows now, for JSON.
@@ -82,29 +80,29 @@ class LiveScene:
         distances = np.where(self._above_ground & (distances >= 0), np.inf, distances)
         targets = live.wanted()
         here = live.setup.simulated.tasks_at(live.positions())
-        reached = here[self._positions].reshape(-1, 3)
+        reached = here[live.model.layout.position_entries]
         admission = parts["admission"]
         status = STATUS_WORDS[float(parts["status"][0])]
         found = HOW.get(float(admission[0]), NOMINAL)
         return {
-            "time": _short(live.time, 3),
+            "time": finite(live.time, 3),
             "paused": pacer.paused,
             "speed": pacer.speed,
-            "rate": _short(pacer.rate(now, live.time), 3),
-            "late": _short(0.0 if pacer.paused else pacer.late(now, live.time), 4),
-            "behind": _short(pacer.behind, 2),
+            "rate": finite(pacer.rate(now, live.time), 3),
+            "late": finite(0.0 if pacer.paused else pacer.late(now, live.time), 4),
+            "behind": finite(pacer.behind, 2),
             "motion": live.moves,
-            "phase": _short(live.phase, 2),
-            "offsets": _rows(live.offsets),
-            "ball": None if live.ball is None else [_short(x, 4) for x in live.ball],
-            "poses": [_short(x, 5) for x in poses.ravel()],
-            "targets": _rows(targets),
-            "reached": _rows(reached),
-            "error": _short(
+            "phase": finite(live.phase, 2),
+            "offsets": finite(live.offsets, 4),
+            "ball": None if live.ball is None else finite(live.ball, 4),
+            "poses": finite(poses.ravel(), 5),
+            "targets": finite(targets, 4),
+            "reached": finite(reached, 4),
+            "error": finite(
                 np.linalg.norm(targets - reached, axis=1).max(initial=0.0), 5
             ),
             "near": self._near(distances),
-            "smallest": _short(distances.min(initial=math.inf), 5),
+            "smallest": finite(distances.min(initial=math.inf), 5),
             "status": _CALLED.get(status, status),
             "admitted": _CALLED.get(found, found),
             "promise": self._promise(distances.min(initial=math.inf), admission[3]),
@@ -143,15 +141,6 @@ class LiveScene:
         order = order[distances[order] < NEARNESS_STEPS[0] * self._warning]
         points = self.robot.nearest_points(order)
         return [
-            [int(pair), _short(distances[pair], 5), *(_short(x, 4) for x in ends)]
+            [int(pair), finite(distances[pair], 5), *finite(ends, 4)]
             for pair, ends in zip(order, points, strict=True)
         ]
-
-
-def _short(value: float, digits: int) -> float | None:
-    """For JSON, which has no infinity and no NaN."""
-    return round(float(value), digits) if math.isfinite(value) else None
-
-
-def _rows(points: np.ndarray) -> list[list[float | None]]:
-    return [[_short(x, 4) for x in point] for point in points]

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import Context, System
 
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.law.control_law import ControlLaw
-from crar_drake.law.controller import CrarController
 from crar_drake.law.parameters import LookaheadParameters
-from crar_drake.play.live_sources import LiveSource, make_live
+from crar_drake.law.tasks import TaskLayout
+from crar_drake.play.live_sources import make_live
 from crar_drake.play.motion_clock import MotionClock
 from crar_drake.play.recorder import Recorder
-from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.simulation.diagram import (
     MakeCrarDiagram,
@@ -23,9 +23,10 @@ from crar_drake.simulation.diagram import (
     PrepareScenario,
     Setup,
 )
-from crar_drake.simulation.disturbances import Push, PushSource, applied_force
-from crar_drake.simulation.moving_obstacles import MovingObstacle, ObstacleSource, Place
+from crar_drake.simulation.disturbances import Push, applied_force
+from crar_drake.simulation.moving_obstacles import MovingObstacle, Place
 from crar_drake.simulation.scenario import Scenario
+from crar_drake.targets.desired_motion import DesiredMotion
 
 # What a person drags targets by changes so fast at most [m/s].
 _SPEED = 1.5
@@ -107,28 +108,12 @@ class LiveSimulation:
         self.diagram = MakeCrarDiagram(self.scenario, setup=setup)
         self.period, self._tick = parameters.period, 0
         self.simulator = MakeSimulator(self.scenario, self.diagram)
-        root = self.simulator.get_mutable_context()
-        self.controller: CrarController = self.diagram.GetSubsystemByName(
-            "crar_controller"
-        )
-        self._controller_context = self.controller.GetMyMutableContextFromRoot(root)
-        self.plant = self.diagram.GetSubsystemByName("plant")
-        self._plant_context = self.plant.GetMyMutableContextFromRoot(root)
-        self._sources: list[LiveSource] = [
-            self.diagram.GetSubsystemByName(name)
-            for name in ("desired_tasks", "desired_prescribed")
-            if self.diagram.HasSubsystemNamed(name)
-        ]
-        self._source_contexts = [
-            source.GetMyMutableContextFromRoot(root) for source in self._sources
-        ]
-        self.ball = self._ball_home = self._ball_goal = None
-        if balls:
-            self.ball = self._ball_home = self._ball_goal = balls[0].at(0.0)
-            self._obstacles: ObstacleSource = self.diagram.GetSubsystemByName(
-                "obstacles"
-            )
-            self._obstacles_context = self._obstacles.GetMyMutableContextFromRoot(root)
+        self.controller, self._controller_context = self._part("crar_controller")
+        self.plant, self._plant_context = self._part("plant")
+        names = ["desired_tasks"] + ["desired_prescribed"] * bool(self.model.n_p)
+        self._sources = [self._part(name) for name in names]
+        ball = balls[0].at(0.0) if balls else None
+        self.ball = self._ball_home = self._ball_goal = ball
         self.offsets = np.zeros((len(self.model.layout.linear_tasks), 3))
         self.moved = self.offsets.copy()
         self.clock = MotionClock()
@@ -248,9 +233,8 @@ class LiveSimulation:
                 f"pushes of {total:.0f} N together; at most {MOST_PUSHED:g} N act at a "
                 f"time, each for {PUSH_TIME:g} s"
             )
-        source: PushSource = self.diagram.GetSubsystemByName("pushes")
-        root = self.simulator.get_mutable_context()
-        source.add(source.GetMyMutableContextFromRoot(root), push, applied)
+        source, context = self._part("pushes")
+        source.add(context, push, applied)
         self._pushes.append(push)
         x, y, z = push.force
         self._note(f"{frame} pushed by {x:.0f}, {y:.0f}, {z:.0f} N")
@@ -277,10 +261,8 @@ class LiveSimulation:
         """(N, 4) of those that move, centre and radius now [m]."""
         if not self.scenario.obstacles:
             return np.empty((0, 4))
-        port = self.diagram.GetSubsystemByName("obstacles").get_output_port()
-        context = self.simulator.get_context()
-        spheres = port.Eval(port.get_system().GetMyContextFromRoot(context))
-        return spheres.reshape(-1, 4)
+        source, context = self._part("obstacles")
+        return source.get_output_port().Eval(context).reshape(-1, 4)
 
     def holding_back(self) -> tuple[str, str] | None:
         """The obstacle that holds the robot back now, and which link; None if none."""
@@ -303,7 +285,8 @@ class LiveSimulation:
 
     def targets(self) -> np.ndarray:
         """(layout.size,) [x_d; v_d; a_d] as they are now, `moved` included."""
-        return self._sources[0].get_output_port().Eval(self._source_contexts[0])
+        source, context = self._sources[0]
+        return source.get_output_port().Eval(context)
 
     def wanted(self) -> np.ndarray:
         """(N, 3) where a person wants the targets of position and pose tasks [m]."""
@@ -328,11 +311,13 @@ class LiveSimulation:
         done = len(self.events)
         return f"played live, {done} change{'s' if done != 1 else ''} by hand"
 
-    def log(self) -> SimulationLog:
-        """All that is recorded, see `Recorder`."""
-        return self.recorder.log(self.logged_scenario())
-
     # --- inside -------------------------------------------------------------------
+
+    def _part(self, name: str) -> tuple[System, Context]:
+        """A system of the diagram, and its context."""
+        system = self.diagram.GetSubsystemByName(name)
+        root = self.simulator.get_mutable_context()
+        return system, system.GetMyMutableContextFromRoot(root)
 
     def _set_targets(self, time: float) -> None:
         """Lets the sources emit what is wanted at a tick [s]."""
@@ -341,9 +326,7 @@ class LiveSimulation:
         x[layout.position_entries] = self.moved
         # Nobody moves prescribed joints.
         offsets = x, np.zeros(self.model.n_p)
-        for source, context, offset in zip(
-            self._sources, self._source_contexts, offsets, strict=False
-        ):
+        for (source, context), offset in zip(self._sources, offsets, strict=False):
             source.set(context, phase, offset)
 
     def _note_drag(self, words: str, where: str) -> None:
@@ -369,7 +352,8 @@ class LiveSimulation:
         self.ball = _on_the_way(self.ball, self._ball_goal, most)
         shift = np.zeros((len(self.scenario.obstacles), 3))
         shift[-1] = self.ball - self._ball_home
-        self._obstacles.shift(self._obstacles_context, shift)
+        source, context = self._part("obstacles")
+        source.shift(context, shift)
 
 
 def _on_the_way(here: np.ndarray, goal: np.ndarray, most: float) -> np.ndarray:
@@ -377,6 +361,13 @@ def _on_the_way(here: np.ndarray, goal: np.ndarray, most: float) -> np.ndarray:
     way = goal - here
     far = np.linalg.norm(way, axis=-1, keepdims=True)
     return here + way * np.minimum(1.0, most / np.maximum(far, 1e-12))
+
+
+def points_of(motion: DesiredMotion, layout: TaskLayout) -> np.ndarray:
+    """(N, 3) where targets with a position are on the way of a motion [m]."""
+    entries = layout.position_entries
+    times = np.linspace(0.0, motion.duration, 60)
+    return np.vstack([motion.tasks_at(t)[entries] for t in times])
 
 
 def make_ball(setup: Setup) -> MovingObstacle:
@@ -388,11 +379,9 @@ def make_ball(setup: Setup) -> MovingObstacle:
         plant.get_body(BodyIndex(i)).EvalPoseInWorld(workspace.plant_context)
         for i in range(1, plant.num_bodies())
     ]
-    entries = model.layout.position_entries.ravel()
-    times = np.linspace(0.0, motion.duration, 60)
-    wanted = [motion.tasks_at(t)[entries].reshape(-1, 3) for t in times]
-    points = np.vstack([*wanted, [X.translation() for X in links]])
+    wanted = points_of(motion, model.layout)
+    points = np.vstack([wanted, [X.translation() for X in links]])
     x = points[:, 0].max() + _BALL_AHEAD
-    _, y, z = np.vstack(wanted).mean(axis=0) if entries.size else points.mean(axis=0)
+    _, y, z = (wanted if len(wanted) else points).mean(axis=0)
     place = Place(0.0, [float(x), float(y), float(z)])
     return MovingObstacle(BALL, _BALL_RADIUS, _BALL_SPEED, [place])

@@ -230,15 +230,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, status: int, kind: str, body: bytes) -> None:
         self.send_response(status)
-        self._send_headers(kind)
+        for name, value in {"Content-Type": kind, **_HEADERS}.items():
+            self.send_header(name, value)
         if status != 204:
             self.send_header("Content-Length", str(len(body)))
         if self.close_connection:
             self.send_header("Connection", "close")
         self.end_headers()
         self.wfile.write(body)
-
-    def _send_headers(self, kind: str) -> None:
-        self.send_header("Content-Type", kind)
-        for name, value in _HEADERS.items():
-            self.send_header(name, value)

@@ -34,7 +34,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crar_drake.law.tasks import TaskLayout
-from crar_drake.strict_json import MessageError, number, numbers, read_object
+from crar_drake.strict_json import MessageError, finite, number, numbers, read_object
 
 # A longer datagram is dropped unread [bytes]. It takes 0.6 ms to see that the worst of
 # this length is no message; sixty poses fit in.
@@ -239,15 +239,10 @@ class Command:
         Args:
             rejected: why messages of the client were not taken; None: all were.
         """
-        said = {name: _rounded(value) for name, value in vars(self).items()}
-        said |= {"of": self.of, "rejected": rejected}  # `of` as it came
+        said = vars(self) | {"rejected": rejected}
+        for name, value in said.items():
+            if isinstance(value, np.ndarray):
+                said[name] = value.round(9).tolist()
+            elif isinstance(value, float) and name != "of":  # which is as it came
+                said[name] = finite(value, 6)
         return json.dumps(said, separators=(",", ":")).encode() + b"\n"
-
-
-def _rounded(value: object) -> object:
-    """For JSON, which has no infinity and no NaN."""
-    if isinstance(value, np.ndarray):
-        return value.round(9).tolist()
-    if isinstance(value, float):
-        return round(value, 6) if math.isfinite(value) else None
-    return value

@@ -19,6 +19,7 @@ from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import Pacer
 from crar_drake.play.recorder import OVER_TIME
 from crar_drake.results.certificate import judge_certificate
+from crar_drake.results.log import SimulationLog
 from crar_drake.results.obstacles import judge_obstacles
 from crar_drake.simulation.scenario import Scenario, load_scenario
 
@@ -43,6 +44,10 @@ def referee(live) -> Referee:
     return Referee(model.plant, model.scene_graph, model.description.pairs)
 
 
+def log_of(live: LiveSimulation) -> SimulationLog:
+    return live.recorder.log(live.logged_scenario())
+
+
 def steps(live: LiveSimulation, count: int) -> None:
     for _ in range(count):
         live.step()
@@ -52,13 +57,13 @@ def test_a_step_is_a_control_period(live):
     steps(live, 100)
     assert live.time == pytest.approx(0.5)
     assert live.simulator.get_context().get_time() == pytest.approx(0.5025)
-    np.testing.assert_allclose(live.log().time, PERIOD * np.arange(101), atol=1e-12)
+    np.testing.assert_allclose(log_of(live).time, PERIOD * np.arange(101), atol=1e-12)
 
 
 def test_what_the_motion_asks_for_is_smooth(live):
     """So do the derivatives that the clock scales: differences are the judge."""
     steps(live, 140)
-    log, layout = live.log(), live.model.layout
+    log, layout = log_of(live), live.model.layout
     x = log.desired_tasks[:, :6]
     v, a = log.desired_tasks[:, 6:12], log.desired_tasks[:, 12:]
     np.testing.assert_allclose((x[2:] - x[:-2]) / (2 * PERIOD), v[1:-1], atol=2e-3)
@@ -148,7 +153,7 @@ def test_a_motion_that_is_off_stands(live):
 
 def test_what_is_recorded_is_judged(live, referee):
     """No sample is lost, and each claim is true."""
-    log = live.log()
+    log = log_of(live)
     count = round(live.time / PERIOD) + 1
     np.testing.assert_allclose(log.time, PERIOD * np.arange(count), atol=1e-9)
     scenario = live.logged_scenario()
@@ -189,7 +194,7 @@ def test_the_ball_is_dragged_no_faster_than_it_may_and_kept_off():
     assert logged.obstacles[-1].name == "your ball"
     assert "your ball to" in logged.description
     figures = judge_obstacles(
-        *(live.log(), logged, model.plant, model.scene_graph),
+        *(log_of(live), logged, model.plant, model.scene_graph),
         model.description.pairs,
     )
     assert figures["your ball"].contact_samples >= touched
@@ -227,7 +232,7 @@ def test_the_oldest_pieces_are_dropped(live, monkeypatch):
     monkeypatch.setattr("crar_drake.play.recorder._PIECE", 0.1)
     monkeypatch.setattr(live.recorder, "kept", 0.3)
     steps(live, 200)
-    log = live.log()
+    log = log_of(live)
     assert 0.3 <= log.time[-1] - log.time[0] < 1.0
     np.testing.assert_allclose(np.diff(log.time), PERIOD, atol=1e-9)
     assert log.time[-1] == pytest.approx(live.time)

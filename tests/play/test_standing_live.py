@@ -38,7 +38,7 @@ def test_it_stands_whatever_a_person_does(live) -> None:
         if k == 60:
             live.push("trunk", np.array([20.0, 0.0, 0.0]))
         live.step()
-    log = live.log()
+    log = live.recorder.log(live.logged_scenario())
     assert len(log.time) > 100 and log.q.shape[1] == 21
     assert np.abs(log.q[:, 6] - HEIGHT).max() < 0.02
     assert np.abs(log.v[:, 3]).max() > 0.005  # it was pushed

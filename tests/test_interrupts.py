@@ -32,7 +32,7 @@ def doing(monkeypatch, command) -> int:
     """Does something as a command of the command line; its exit code."""
     said = argparse.Namespace(command=command, verbose=False)
     monkeypatch.setattr("crar_drake.commands.parse", lambda *_: said)
-    return main(["list"])
+    return main(["show"])
 
 
 def test_one_hangup_counts_once(monkeypatch):

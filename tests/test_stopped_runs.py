@@ -208,7 +208,7 @@ def test_every_command_tidies_up_when_it_is_asked_to_end(
         "crar_drake.commands.parse",
         lambda *_: argparse.Namespace(command=command, verbose=False),
     )
-    assert main(["list"]) == 130 and tidied == [True]
+    assert main(["show"]) == 130 and tidied == [True]
     assert "interrupted" in capsys.readouterr().err
 
 

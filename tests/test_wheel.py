@@ -52,7 +52,7 @@ def test_wheel_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
         assert finished.returncode == 0, finished.stderr
         return finished.stdout
 
-    listed = run(environment / "bin" / "crar-drake", "list")
+    listed = run(environment / "bin" / "crar-drake", "show")
     for name in ("upper_body", "obstacle_arm", "dance", "dance_wrists"):
         assert name in listed
     example = ROOT / "examples" / "runs.py"

@@ -53,6 +53,8 @@ _SHARE_OF_SPEED = 0.998
 # A window reaches so far beyond what violates something, and again beyond what is not
 # certified after it was solved [s].
 _AROUND, _AROUND_AGAIN = 0.5, 0.3
+# So deep in each other shapes are not excused: no mesh is as far inside of them [m].
+_DEEP = 0.03
 # Frames of a part of a long window, and how long it is solved beyond its end [s].
 _PART, _OVERLAP = 300, 0.7
 # A motion is found of each so-many-th frame first.
@@ -261,7 +263,7 @@ class Keeper:
         problem = _within(problem)
         margins, self._excused = self.margins(q), None
         if meshes is not None and decide is not None:
-            self._let_decide(margins, meshes.touching(q).any(axis=0), decide)
+            self._let_decide(q, margins, meshes, decide)
         violating = self._violating(margins) | _below(problem, y, self.floor)
         if also is not None:
             violating |= also
@@ -280,25 +282,39 @@ class Keeper:
 
     def _let_decide(
         self,
+        q: np.ndarray,
         margins: Margins,
-        touching: np.ndarray,
+        meshes: Meshes,
         pairs: Sequence[tuple[str, str]],
     ) -> None:
         """Excuses stretches of frames in which shapes about links are too near, and no
-        meshes touch (T,), beyond the windows about what is violated."""
+        meshes touch, beyond the windows about what is violated.
+
+        Shapes that are deep in each other are taken for meshes that are, and not asked.
+        """
         covered = {frozenset(pair) for pair in pairs}
         of_pairs = [frozenset(pair) in covered for pair in self.model.pairs.names]
         of_pairs = np.array(of_pairs, dtype=bool)
         self._covered = of_pairs[self.model.pairs.pair_of_shapes]
         excused = self._near(margins) & of_pairs[margins.pair]
-        violated = (self._violating(margins) & ~excused) | touching
-        around, before = round(_AROUND * self.rate), -1
+        violated = self._violating(margins) & ~excused
+        violated |= excused & (margins.distance < -_DEEP)
+        violated = self._with_windows(violated, excused)
+        for start, end in _runs(~spread(violated, round(_AROUND * self.rate))):
+            touching = meshes.touching(q[start:end]).any(axis=0)
+            violated[start:end] |= touching
+        self._excused = excused & ~self._with_windows(violated, excused)
+
+    def _with_windows(self, violated: np.ndarray, excused: np.ndarray) -> np.ndarray:
+        """(T,) what is violated, with all stretches that windows about it reach."""
+        violated, before = violated.copy(), -1
         while before != violated.sum():
-            before, windows = violated.sum(), spread(violated, around)
+            before = violated.sum()
+            windows = spread(violated, round(_AROUND * self.rate))
             for start, end in _runs(excused):
                 if windows[start:end].any():
                     violated[start:end] = True
-        self._excused = excused & ~violated
+        return violated
 
     def _near(self, margins: Margins) -> np.ndarray:
         """(T,) frames that keep less than is asked for, at them or on the way to the

@@ -204,6 +204,7 @@ def _same(x):
 
 def test_it_says_that_it_compiles(monkeypatch, capfd, tmp_path):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+
     def make(*_, **__):
         assert compiled(_same)(1.0) == 1.0
         raise CrarError("made")

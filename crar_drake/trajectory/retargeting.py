@@ -31,6 +31,7 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError
 from crar_drake.law.compilation import compiled
+from crar_drake.motion.leaps import leaps
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
 from crar_drake.motion.planted_feet import lasting, runs
@@ -611,8 +612,9 @@ class PersonTasks:
         far &= np.array([limb != "head" for limb in self._targets.directions])
         shortest = int(_ASTRAY_FOR * self._targets.rate) + 1
         found = np.any([lasting(flags, shortest) for flags in far.T], axis=0)
-        bends = np.abs(np.diff(y[:, ROOT:], 2, axis=0)) * self._targets.rate > _JUMP
-        found[2:-1] |= (bends[1:] & bends[:-1]).any(axis=1)
+        for joint in np.diff(y[:, ROOT:], axis=0).T:
+            for frame, _ in leaps(joint[:, None], _JUMP / self._targets.rate):
+                found[frame] = True
         return found
 
     def slip(self, y: np.ndarray) -> float:

@@ -20,6 +20,7 @@ from crar_drake.commands import main, serve
 from crar_drake.commands.serve import tell_at_once
 from crar_drake.errors import CrarError
 from crar_drake.law.compilation import COMPILING, compiled
+from crar_drake.law.kept_programs import cache_folder
 from crar_drake.teleoperation.serving import make_server
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "teleoperate.py"
@@ -204,6 +205,7 @@ def _same(x):
 
 def test_it_says_that_it_compiles(monkeypatch, capfd, tmp_path):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    cache_folder.cache_clear()
 
     def make(*_, **__):
         assert compiled(_same)(1.0) == 1.0
@@ -212,6 +214,7 @@ def test_it_says_that_it_compiles(monkeypatch, capfd, tmp_path):
     monkeypatch.setattr("crar_drake.teleoperation.serving.make_server", make)
     assert main(["serve"]) == 2
     assert COMPILING in capfd.readouterr().err
+    cache_folder.cache_clear()
 
 
 def test_a_start_posture_that_is_none(tmp_path, capsys):

@@ -292,8 +292,10 @@ def test_another_source_means_another_folder(tmp_path, monkeypatch):
     assert folder() != before
 
 
-def test_compiling_is_told_with_how_far_it_is(monkeypatch):
+def test_compiling_is_told_with_how_far_it_is(monkeypatch, tmp_path):
     monkeypatch.setattr(compilation, "_REPORTED_EVERY", 0.0)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    kept_programs.cache_folder.cache_clear()
     told = []
     with compilation.when_compiling(told.append):
         assert numba.njit(lambda x: x)(1.0) == 1.0  # of another package
@@ -304,6 +306,7 @@ def test_compiling_is_told_with_how_far_it_is(monkeypatch):
     assert re.fullmatch(r"1 functions compiled in \d+ s", told[1])
     assert re.fullmatch(r"2 functions compiled in \d+ s", told[2])
     assert len(told) == 3
+    kept_programs.cache_folder.cache_clear()
 
 
 def _once(x):

@@ -9,9 +9,11 @@ import os
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+import gc
 import pickle
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 
 import matplotlib
@@ -31,6 +33,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files with slow tests come first, lest one core be left with them at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+@cache
+def _has_threads(file: Path) -> bool:
+    text = file.read_text(encoding="utf-8")
+    names = ("ThreadPoolExecutor", "threading.Thread", "no_new_processes")
+    return any(name in text for name in names)
+
+
+@pytest.fixture(autouse=True)
+def what_nobody_holds_ends_here(request):
+    """Drake aborts where a Meshcat ends in another thread than that which made it, and
+    garbage is collected in any."""
+    if _has_threads(request.path):
+        gc.collect()
 
 
 class OneThread(ThreadPoolExecutor):

@@ -44,6 +44,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
     from crar_drake.files import check_file
+    from crar_drake.references.contacts import LABELS, contacts_path, labels_beside
+    from crar_drake.references.layout_writer import kept_extras
     from crar_drake.references.layouts import layout_named, layouts_of
     from crar_drake.references.motion_files import (
         read_motion,
@@ -71,18 +73,20 @@ def run(arguments: argparse.Namespace) -> None:
                 f"{arguments.out}: say its layout with --to"
                 + (f": {', '.join(possible)}" if possible else "")
             )
-    if layout_named(to).name not in possible:
+    layout = layout_named(to)
+    if to not in possible:
         raise MotionError(
-            f"{arguments.out}: {to} is a {layout_named(to).suffix} file; name it so"
+            f"{arguments.out}: {to} is a {layout.suffix} file; name it so"
         )
+    beside = LABELS if labels_beside(motions, layout) else ()
     written, reported = [], []
     for motion in motions:
         reported += [f"guessed: {guess}" for guess in motion.guesses]
         lost: tuple[str, ...] = ()
         if arguments.rate is not None:
             motion, lost = resampled(motion, arguments.rate)
-        if motion.layout != to:
-            lost = (*lost, *motion.extras)
+        kept = {*kept_extras(motion, layout), *beside}
+        lost = (*lost, *(key for key in motion.extras if key not in kept))
         if lost:
             names = ", ".join(dict.fromkeys(lost))
             reported.append(f"left out, since {to} or the new rate has none: {names}")
@@ -97,6 +101,8 @@ def run(arguments: argparse.Namespace) -> None:
             f"{motion.num_joints} joints, from {motion.layout} to {to}"
         )
     print(arguments.out)
+    if labels_beside(written, layout):
+        print(contacts_path(arguments.out))
 
 
 def reference_robot(arguments: argparse.Namespace):

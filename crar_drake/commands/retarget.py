@@ -109,7 +109,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.jobs is not None:
         raise UsageError("--jobs is for folders")
     from crar_drake.references.certificate_files import certificate_path
-    from crar_drake.references.retarget_file import retarget_file
+    from crar_drake.references.contacts import contacts_path
+    from crar_drake.references.layouts import layout_named
+    from crar_drake.references.retarget_file import layout_of, retarget_file
 
     name = f"{label(arguments.motion)}.csv"
     out = arguments.out or OUT / "retarget" / name
@@ -126,6 +128,8 @@ def run(arguments: argparse.Namespace) -> int:
             print(line)
     print(out)
     print(certificate_path(out))
+    if not layout_named(layout_of(out, options["layout"])).has_room:
+        print(contacts_path(out))
     return final_line(violations([clip]))
 
 

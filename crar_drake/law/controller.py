@@ -36,9 +36,10 @@ from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
 
-# Of a motor's limit: by so little more it is not beyond [1]. So far from there may a
-# joint be that counts as locked [rad or m].
-_ROUNDING, _LOCKED = 1e-9, 1e-3
+# Of a motor's limit: by so little more it is not beyond [1].
+_ROUNDING = 1e-9
+# A locked joint that is farther from its place does not count as locked [rad or m].
+_LOCKED = 1e-3
 
 # All that is reported of a solution, at once.
 _reported = attrgetter(*(diagnostic.key for diagnostic in ALL))

@@ -180,26 +180,15 @@ def near_segment(
     if len(rows) <= many:
         return rows, np.ones((1, len(rows)), np.bool_), low, points
     ways, centres = place_ways(start, x, _PARTS, r, balls)
-    near, low, bend = (
-        np.zeros((_PARTS, balls.shapes[-1]), np.bool_),
-        np.inf,
-        bend / 16.0,
-    )
+    near = np.zeros((_PARTS, balls.shapes[-1]), np.bool_)
+    low, bend = np.inf, bend / 16.0
     for k in range(_PARTS):
         of = centres[k : k + 2], ways[k : k + 2], bend
         rows, least = near_on_way(*of, distance, pairs, balls)
         low = min(low, least)
-        for row in rows:
-            near[k, row] = True
-    some = near[0].copy()
-    for k in range(1, _PARTS):
-        some |= near[k]
-    rows = np.flatnonzero(some)
-    parts = np.empty((_PARTS, len(rows)), np.bool_)
-    for k in range(_PARTS):
-        for i in range(len(rows)):
-            parts[k, i] = near[k, rows[i]]
-    return rows, parts, low, points
+        near[k][rows] = True
+    rows = np.flatnonzero(near.sum(axis=0))
+    return rows, np.ascontiguousarray(near[:, rows]), low, points
 
 
 @compiled

@@ -32,7 +32,6 @@ from crar_drake.references.change import (
     find_frozen,
 )
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
-from crar_drake.references.contacts import write_beside
 from crar_drake.references.faults import Fault, find_faults, left_as_it_was
 from crar_drake.references.ground_contact import CarryingHands, Outline
 from crar_drake.references.layouts import LAYOUTS, layout_named
@@ -44,9 +43,6 @@ from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.uncovered import Uncovered
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import LIMIT_TOLERANCE, load_robot_description
-from crar_drake.robot.model import ControlModel
-from crar_drake.robot.task import Task
-from crar_drake.trajectory.keeping import Keeper
 from crar_drake.trajectory.margins import Margins
 
 # What is wrong with a motion that was written.
@@ -293,15 +289,14 @@ class MotionCleaner:
         self._robot, self._parameters = robot, parameters
         self.uncovered, self._carrying = Uncovered(robot), CarryingHands(robot)
         self._outline = Outline(robot)
-        self._meshes = self.uncovered.meshes if part_meshes else None
+        self._part_meshes = part_meshes
         self._cleaners: dict[float, Cleaner] = {}
-        self._certified: dict[float, Keeper] = {}
 
     def _of_rate(self, rate: float) -> Cleaner:
         if rate not in self._cleaners:
             description = self._robot.description
             self._cleaners[rate] = Cleaner(
-                description, rate, self._parameters, self._meshes
+                description, rate, self._parameters, self.uncovered
             )
         return self._cleaners[rate]
 
@@ -352,8 +347,6 @@ class MotionCleaner:
         rate_given = None if to.has_rate else written[0].rate
         with whole_set(out.parent, last=place.name) as folder:
             write_motions(folder / out.name, written, to.name, robot)
-            if not to.has_room:
-                write_beside(folder / out.name, written[0])
             # What is certified is what stands in the file, rounded as its layout does.
             names = robot.breadth_first if to.breadth_first else robot.joint_names
             again = read_motions(
@@ -367,8 +360,7 @@ class MotionCleaner:
                 margins = [_margins(motion, cleaner) for motion in (before, after)]
                 meshes, kept = self.uncovered.look_at(after), margins[1]
                 if meshes is not None:
-                    of_shapes = self._of_shapes(cleaner)
-                    kept = of_shapes.margins(_controlled(after, cleaner))
+                    kept = cleaner.by_shapes.margins(_controlled(after, cleaner))
                 up = before.root_positions + [0.0, 0.0, rise]
                 raised_before = replace(before, root_positions=up)
                 if judged is None:
@@ -409,18 +401,6 @@ class MotionCleaner:
             write_certificate(folder / place.name, certificate)
         return rows
 
-    def _of_shapes(self, cleaner: Cleaner) -> Keeper:
-        """What is kept of the pairs of which meshes do not decide."""
-        if cleaner.rate not in self._certified:
-            description = replace(
-                self._robot.description, root="fixed", pairs=self.uncovered.by_shapes
-            )
-            tasks = [Task(frame=next(iter(description.task_frames), "world"))]
-            model = ControlModel.FromDescription(description, tasks)
-            of = cleaner.keeper.floor, cleaner.keeper.floor_between
-            self._certified[cleaner.rate] = Keeper(model, cleaner.rate, *of)
-        return self._certified[cleaner.rate]
-
     def _faults(self, motion: RobotMotion) -> list[Fault]:
         return list(find_faults(motion, self._outline.ground_contact(motion)))
 
@@ -438,6 +418,7 @@ class MotionCleaner:
             motion.root_rotations.as_matrix(),
             carries,
             done,
+            self._part_meshes,
         )
         joints = motion.joint_positions.copy()
         joints[:, columns] = found.q

@@ -25,8 +25,8 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.law.checks import check_numbers
 from crar_drake.references.ground_contact import FEET, HANDS
-from crar_drake.references.mesh_clearance import ClearanceOfMeshes
 from crar_drake.references.mesh_rows import MeshRows
+from crar_drake.references.uncovered import Uncovered
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -92,7 +92,8 @@ class Cleaner:
         description: of the robot.
         model: the robot with its root fixed, and its watched pairs.
         keeper: of what is kept.
-        meshes: of its links, which are parted, or None.
+        meshes: of its links, which are parted, or None,
+        by_shapes: and the keeper of pairs of which they do not decide.
         feet, hands: task frames that are kept,
         frames: and both.
         rate: frames per second [Hz].
@@ -103,7 +104,7 @@ class Cleaner:
         description: RobotDescription,
         rate: float,
         parameters: CleaningParameters | None = None,
-        meshes: ClearanceOfMeshes | None = None,
+        uncovered: Uncovered | None = None,
     ) -> None:
         """
         Args:
@@ -111,7 +112,8 @@ class Cleaner:
                 joints that it prescribes stay in the rest posture.
             rate: frames per second [Hz].
             parameters: what is asked for.
-            meshes: of the robot's links, which are parted where they touch.
+            uncovered: has the meshes of the robot's links, which decide, and are parted
+                where they touch; by default there are none.
 
         Raises:
             ScenarioError: a parameter is out of range.
@@ -142,8 +144,14 @@ class Cleaner:
         other = [Task(frame=next(iter(known), "world"))]
         p = self.parameters
         model = ControlModel.FromDescription(description, kept or other)
-        self.keeper = Keeper(model, rate, p.floor, p.floor_between, p.velocity_scale)
-        self.meshes = None if meshes is None else MeshRows(meshes, model.joint_names)
+        kept_of_pairs = rate, p.floor, p.floor_between, p.velocity_scale
+        self.keeper = Keeper(model, *kept_of_pairs)
+        self.meshes = self.by_shapes = None
+        if uncovered is not None and uncovered.meshes is not None:
+            self.meshes = MeshRows(uncovered.meshes, model.joint_names)
+            others = replace(description, pairs=uncovered.by_shapes)
+            others = ControlModel.FromDescription(others, other)
+            self.by_shapes = Keeper(others, *kept_of_pairs)
         self.model = model
         bare = replace(description, pairs=[])
         self._poses = ControlModel.FromDescription(bare, kept) if kept else None
@@ -168,6 +176,7 @@ class Cleaner:
         root_rotations: np.ndarray | None = None,
         carries: np.ndarray | None = None,
         progress: Callable[[int], None] | None = None,
+        part_meshes: bool = True,
     ) -> Cleaned:
         """The reference under all constraints, changed the least.
 
@@ -177,11 +186,12 @@ class Cleaner:
                 root is upright.
             carries: (T, H) how much each hand carries the robot, from 0 to 1.
             progress: is called with the number of frames that are done.
+            part_meshes: whether meshes are looked at; else that was done before.
         """
         problem = self._problem(reference, root_rotations, carries)
-        decide = None if self.meshes is None else self.meshes.pairs
+        of_meshes = dict(meshes=self.meshes, by_shapes=self.by_shapes)
         found = self.keeper.keep(
-            problem, reference, None, progress, meshes=self.meshes, decide=decide
+            problem, reference, None, progress, **(of_meshes if part_meshes else {})
         )
         return Cleaned(*found)
 

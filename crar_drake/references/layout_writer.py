@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.references import locomujoco_npz
-from crar_drake.references.contacts import CONTACTS, FEET_NAMES
+from crar_drake.references.contacts import LABELS
 from crar_drake.references.held_values import FRAME, write_held
 from crar_drake.references.layout_reader import FROM_WXYZ, OBJECTS
 from crar_drake.references.layouts import EULER, LINK_STATES, TIME, Layout
@@ -58,6 +58,15 @@ def write_layout(
         write_held(path, layout.suffix, clips)
 
 
+def kept_extras(motion: RobotMotion, layout: Layout) -> dict[str, object]:
+    """What of a motion's extras goes into a file of a layout: all if it is from such a
+    one, else labels of contacts if there is room."""
+    if motion.layout == layout.name:
+        return dict(motion.extras)
+    kept = LABELS if layout.has_room else ()
+    return {key: value for key, value in motion.extras.items() if key in kept}
+
+
 class _Held:
     """What a file holds of one motion."""
 
@@ -72,10 +81,7 @@ class _Held:
         self._robot = robot
         self._same = motion.layout == layout.name
         self._kept = dict(motion.computed) if self._same and motion.is_as_read else {}
-        kept = motion.extras.keys() if self._same else ()
-        if layout.has_room:
-            kept = {*kept, CONTACTS, FEET_NAMES} & motion.extras.keys()
-        self._extras = {key: motion.extras[key] for key in kept}
+        self._extras = kept_extras(motion, layout)
         precision = motion.precision if self._same else ""
         self._precision = precision or layout.precision
         self.values = self._values()

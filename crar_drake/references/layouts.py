@@ -87,10 +87,10 @@ class Layout:
 
     @property
     def has_room(self) -> bool:
-        """Whether a file can hold more than its keys: it is of keys and values, and of
-        one motion alone."""
-        of_keys = self.suffix in (".npz", ".pkl") or self.name == "phuma-npy"
-        return of_keys and not self.several
+        """Whether a file can hold more of a motion than its keys: it has keys and
+        values of each motion, and not arrays of several in a row."""
+        arrays = self.suffix == ".npz" and not self.several
+        return arrays or self.suffix == ".pkl" or self.name == "phuma-npy"
 
     @property
     def root_columns(self) -> int:

@@ -26,7 +26,6 @@ class MeshRows:
 
     Attributes:
         num_pairs: P.
-        pairs: (P) names of their links.
     """
 
     def __init__(
@@ -39,7 +38,7 @@ class MeshRows:
         """
         self._clearance, self._meshes = clearance, clearance.meshes
         self._robot, self._names = clearance.robot, list(joint_names)
-        self.num_pairs, self.pairs = len(self._meshes.rows), self._meshes.pairs
+        self.num_pairs = len(self._meshes.rows)
 
     def touching(self, q: np.ndarray) -> np.ndarray:
         """See `trajectory.keeping.Meshes`."""

@@ -414,8 +414,8 @@ def _check_frame(check, k: int, ends, bounds, referee: Referee, decide) -> None:
                 f"are {1e3 * d:.3f} mm apart, claimed {1e3 * claim:.3f} mm"
             )
         elif d < 0.0 and frozenset(pair) in decide:
-            others = referee.distances_below(q, 0.0)
-            others = {frozenset(referee.pairs[other]) for other in others}
+            below = referee.distances_below(q, 0.0).items()
+            others = {frozenset(referee.pairs[i]) for i, apart in below if apart < 0.0}
             for a, b in map(sorted, others.difference(decide)):
                 check.refuted.append(f"frame {k + 1}: {a} - {b} penetrate")
         elif d < 0.0:

@@ -13,6 +13,7 @@ from crar_drake.errors import MotionError, nearest
 from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.motion.text_files import refuse_pointer
 from crar_drake.references.certificate_files import told_beside
+from crar_drake.references.contacts import labels_beside, write_beside
 from crar_drake.references.evidence import settled
 from crar_drake.references.layout_reader import Reading, readings
 from crar_drake.references.layout_writer import write_layout
@@ -107,7 +108,7 @@ def write_motion(
     Args:
         path: of the file.
         motion: to be written. What it has in `extras` is written if the layout is the
-            one that they were read from.
+            one that they were read from; labels of contacts are in all (`contacts`).
         layout: its name.
         robot: that moves; needed where a layout has what follows from the robot
             (poses of bodies), unless the motion is as it was read.
@@ -139,6 +140,8 @@ def write_motions(
         check_joint_names(motion.joint_names, motion.num_joints, motion.source)
     ordered = [_in_layouts_order(motion, to, robot) for motion in motions]
     write_layout(Path(path), ordered, to, robot)
+    if labels_beside(motions, to):
+        write_beside(Path(path), motions[0])
 
 
 def _with_doubted_units(motion: RobotMotion) -> RobotMotion:

@@ -136,7 +136,7 @@ def retarget_file(
         WriteError, CrarError: as of `clean_file`.
     """
     out, given = Path(out), RetargetOptions(**options)
-    given = replace(given, layout=_layout_of(out, given.layout))
+    given = replace(given, layout=layout_of(out, given.layout))
     _check_place(out)
     (clip,) = FileRetargeter(robot, given)(motion, out, progress)
     return clip
@@ -251,7 +251,7 @@ class FileRetargeter:
         return [clip]
 
 
-def _layout_of(out: Path, layout: str) -> str:
+def layout_of(out: Path, layout: str) -> str:
     """The layout of a file that is to be written, if there is such a one.
 
     Raises:

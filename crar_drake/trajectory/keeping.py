@@ -53,7 +53,7 @@ _SHARE_OF_SPEED = 0.998
 # A window reaches so far beyond what violates something, and again beyond what is not
 # certified after it was solved [s].
 _AROUND, _AROUND_AGAIN = 0.5, 0.3
-# So deep in each other shapes are not excused: no mesh is as far inside of them [m].
+# Shapes that are deeper in each other are not excused, and their meshes not asked [m].
 _DEEP = 0.03
 # Frames of a part of a long window, and how long it is solved beyond its end [s].
 _PART, _OVERLAP = 300, 0.7
@@ -241,7 +241,7 @@ class Keeper:
         progress: Callable[[int], None] | None = None,
         also: np.ndarray | None = None,
         meshes: Meshes | None = None,
-        decide: Sequence[tuple[str, str]] | None = None,
+        by_shapes: Keeper | None = None,
     ) -> tuple[np.ndarray, np.ndarray, Effort]:
         """The motion at its minimum where it was changed.
 
@@ -252,7 +252,8 @@ class Keeper:
             progress: is called with the number of frames that are done.
             also: (T,) frames that are solved even if they violate nothing.
             meshes: are parted as well.
-            decide: pairs of links that meshes decide of; by default of none.
+            by_shapes: keeps the same of the pairs of which meshes do not decide; by
+                default they decide of none.
 
         Returns:
             (T, m) the motion; (T,) frames that still violate something, at them or on
@@ -262,8 +263,8 @@ class Keeper:
         q = self._joints(y)
         problem = _within(problem)
         margins, self._excused = self.margins(q), None
-        if meshes is not None and decide is not None:
-            self._let_decide(q, margins, meshes, decide)
+        if meshes is not None and by_shapes is not None:
+            self._let_decide(q, margins, meshes, by_shapes)
         violating = self._violating(margins) | _below(problem, y, self.floor)
         if also is not None:
             violating |= also
@@ -278,25 +279,26 @@ class Keeper:
         self._solve(problem, y, state, violating, range(_TRIES), progress)
         if meshes is not None:
             self._part_meshes(problem, meshes, y, state)
-        return y, self._violating(state.margins), state.effort
+        violating, self._excused = self._violating(state.margins), None
+        return y, violating, state.effort
 
     def _let_decide(
         self,
         q: np.ndarray,
         margins: Margins,
         meshes: Meshes,
-        pairs: Sequence[tuple[str, str]],
+        by_shapes: Keeper,
     ) -> None:
-        """Excuses stretches of frames in which shapes about links are too near, and no
-        meshes touch, beyond the windows about what is violated.
-
-        Shapes that are deep in each other are taken for meshes that are, and not asked.
-        """
-        covered = {frozenset(pair) for pair in pairs}
-        of_pairs = [frozenset(pair) in covered for pair in self.model.pairs.names]
-        of_pairs = np.array(of_pairs, dtype=bool)
-        self._covered = of_pairs[self.model.pairs.pair_of_shapes]
-        excused = self._near(margins) & of_pairs[margins.pair]
+        """Excuses stretches of frames in which only shapes about links whose meshes
+        decide are too near, and no meshes touch, beyond the windows about what is
+        violated."""
+        near = self._near(margins)
+        if not near.any():
+            return
+        others = {frozenset(pair) for pair in by_shapes.model.pairs.names}
+        covered = [frozenset(pair) not in others for pair in self.model.pairs.names]
+        self._covered = np.array(covered)[self.model.pairs.pair_of_shapes]
+        excused = near & ~by_shapes._near(by_shapes.margins(q))
         violated = self._violating(margins) & ~excused
         violated |= excused & (margins.distance < -_DEEP)
         violated = self._with_windows(violated, excused)
@@ -465,21 +467,22 @@ class Keeper:
         apart, violate nothing; of one configuration, whether that does not."""
         margins = self.margins(ends)
         slowed = replace(margins, speed=margins.speed / frames)
-        low = margins.between.min() < self.floor
-        return not (low or self._violating(slowed).any())
+        low = margins.between.min() < max(self.floor, self.floor_between)
+        return not (low or self._beyond(slowed).any())
 
     def _violating(self, margins: Margins) -> np.ndarray:
         """(T,) frames that violate something, at them or on the way to the next."""
-        fast = margins.speed > self.velocity_scale
         near = self._near(margins)
-        if self._excused is not None and len(near) == len(self._excused):
+        if self._excused is not None:
             near &= ~self._excused
-        return (
-            near
-            | (margins.limit < -LIMIT_TOLERANCE)
-            | fast
-            | np.append(False, fast[:-1])
-        )
+        return near | self._beyond(margins)
+
+    def _beyond(self, margins: Margins) -> np.ndarray:
+        """(T,) frames at which a joint is beyond a limit, or too fast on a way to or
+        from them."""
+        fast = margins.speed > self.velocity_scale
+        fast = fast | np.append(False, fast[:-1])
+        return (margins.limit < -LIMIT_TOLERANCE) | fast
 
     def _margins_again(
         self, q: np.ndarray, margins: Margins | None, changed: np.ndarray

@@ -236,8 +236,10 @@ class Retargeter:
         )
         y, violating, effort = keeper.keep(problem, y, effort, progress, meshes=meshes)
         tasks, astray = problem.tasks, problem.tasks.astray(y)
-        if astray.any():
-            start = bridged(y, spread(astray, round(_ASTRAY_FOR * rate)))
+        around = spread(astray, round(_ASTRAY_FOR * rate))
+        # Nothing is bridged to where all frames are astray.
+        if astray.any() and not around.all():
+            start = bridged(y, around)
             other = replace(problem, about=start)
             again, still, effort = keeper.keep(
                 other, start, effort, progress, astray, meshes

@@ -8,6 +8,7 @@ import trimesh
 from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
+from crar_drake.judging.referee import Referee
 from crar_drake.references.certificate_files import certificate_path, read_certificate
 from crar_drake.references.clean_file import MotionCleaner, clean_file
 from crar_drake.references.cleaning import CleaningParameters
@@ -180,6 +181,27 @@ def test_where_only_shapes_are_too_near_nothing_is_changed(tmp_path, capsys):
     certificate["clips"][0]["excused"] = []
     found = check(folder, out, certificate)
     assert any("penetrate by" in line for line in found.refuted)
+
+
+@pytest.mark.parametrize("turn, parted", [(1.07, True), (1.3, False)])
+def test_shapes_beside_others_that_meshes_excuse(tmp_path, turn, parted):
+    """Shapes of post and l1, whose meshes are clear, are deeper in each other than
+    those of post and l0, of which no meshes decide: they are one joint apart."""
+    folder = with_meshes(tmp_path, "pairs: [[post, l0], [post, l1]]\n", "post", 0.02)
+    urdf = folder / "chain.urdf"
+    urdf.write_text(urdf.read_text().replace("0.2 0.5 0.1", "0.2 0.26 0.1"))
+    still = np.tile([turn, -2.2, 0.0], (24, 1))
+    reference, out = write_csv(folder / "a.csv", still), folder / "out" / "a.csv"
+    (row,) = clean_file(reference, out, str(folder))
+    assert row.penetrating_before == 24 and row.changed == 24 * parted
+    assert row.penetrating == row.unclear == 0 and not row.violated
+    robot = WholeBody(load_robot_description(folder))
+    referee = Referee(robot.plant, robot.scene_graph, [["post", "l0"]])
+    for path in (reference, out):
+        q = np.loadtxt(path, delimiter=",")[:, 7:]
+        d = np.array([referee.distances(frame).min() for frame in q])
+        assert (d > 0.0).all() == (path == out or not parted)
+    assert check(folder, out).holds
 
 
 def test_without_the_packages_nothing_excuses_shapes(tmp_path, monkeypatch):

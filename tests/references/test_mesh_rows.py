@@ -14,6 +14,7 @@ from small_urdfs import joint, link, robot, write
 from crar_drake.references.cleaning import Cleaner
 from crar_drake.references.mesh_clearance import ClearanceOfMeshes
 from crar_drake.references.mesh_rows import MeshRows
+from crar_drake.references.uncovered import Uncovered
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory.optimiser import Samples
@@ -117,8 +118,8 @@ def beside_a_wedge(tmp_path_factory) -> ClearanceOfMeshes:
 
 
 def cleaner_of(clearance: ClearanceOfMeshes, parting: bool = True) -> Cleaner:
-    description = clearance.robot.description
-    return Cleaner(description, RATE, None, clearance if parting else None)
+    uncovered = Uncovered(clearance.robot) if parting else None
+    return Cleaner(clearance.robot.description, RATE, None, uncovered)
 
 
 def test_a_motion_that_meets_is_parted_and_changed_the_least(beside_a_wedge):

@@ -317,3 +317,39 @@ def test_it_says_when_feet_are_on_the_floor(made, name):
     frames = read_motion(out).num_frames
     assert labels.shape == (frames, 2) and set(labels.ravel()) <= {0, 1}
     assert labels.any()
+
+
+def test_labels_of_contacts_go_where_the_motion_goes(made, capsys):
+    """From an NPZ to other layouts, and back from those that hold them."""
+    robot, _, first, _ = made
+    folder = first.parent / "labels"
+    npz, other = folder / "walk.npz", folder / "other.npz"
+    person = short_amc(first.parent, "labelled too", 31)
+    main(["retarget", str(person), "--robot", str(robot), "--out", str(npz)])
+    whole = WholeBody(load_robot_description(robot))
+    labels = read_motion(npz, robot=whole).extras["foot_contacts"]
+    for name, layout, says in (
+        ("a.csv", "xyzw-csv", str(folder / "a.contacts.csv")),
+        ("b.npz", "locomujoco-npz", str(folder / "b.contacts.csv")),
+        ("c.pkl", "motion-lib-pkl", ""),
+        ("d.pkl", "gmr-pkl", ""),
+    ):
+        capsys.readouterr()
+        out = folder / name
+        given = [str(npz), str(out), "--to", layout, "--robot", str(robot)]
+        assert main(["convert", *given]) == 0
+        told = capsys.readouterr().out.splitlines()
+        assert not any("foot_" in line for line in told), told
+        assert told[-1] == (says or str(out))
+        if says:
+            beside = np.loadtxt(says, delimiter=",", skiprows=1)
+            np.testing.assert_array_equal(beside, labels)
+            continue
+        assert not contacts_path(out).exists()
+        given = [str(out), str(other), "--to", "mjlab-npz", "--robot", str(robot)]
+        assert main(["convert", *given]) == 0
+        again = read_motion(other, robot=whole).extras
+        np.testing.assert_array_equal(again["foot_contacts"], labels)
+        assert list(again["foot_names"]) == ["left_foot", "right_foot"]
+    assert main(["convert", *given, "--rate", "60"]) == 0
+    assert "left out" in capsys.readouterr().out

@@ -195,6 +195,19 @@ def test_the_root_accelerates_as_the_persons(tmp_path, robot):
     assert persons > 0.2 and rms < 1.3 * persons
 
 
+def test_limbs_may_be_elsewhere_in_all_frames(tmp_path, robot):
+    """Of a robot whose joints may hardly move: there is no frame to begin from."""
+    stiff = Retargeter(replace(robot.description, range_share=0.02))
+    performer = load_performer(short_amc(tmp_path, "short"))
+    found = stiff.retarget(performer, RATE)
+    root = found.root_positions, found.root_rotations
+    limb = "left_shoulder-elbow"
+    (way,) = stiff.ways(*root, found.q, [LIMBS[limb][1]])
+    along = np.sum(way * found.targets.directions[limb], axis=1)
+    assert (along < np.cos(np.radians(45.0)) * np.linalg.norm(way, axis=1)).all()
+    assert not found.violating.any()
+
+
 def test_what_lasts_went_astray(robot, targets):
     """Limbs where they are wanted, but an arm that jumps elsewhere for some frames, and
     by less for one."""

@@ -108,7 +108,7 @@ class Outline:
             zeros = np.zeros(motion.num_frames)
             return GroundContact(zeros, ("",) * motion.num_frames, 0.0, ())
         p_WB, R_WB = self._poses(motion, links)
-        low = self._lowest(links, p_WB, R_WB)
+        low = self._robot.lowest(links, p_WB, R_WB)
         soles = self._soles(links, p_WB, R_WB)
         if floor is None:
             floor = _lowest_floor(self._of_feet(links, low))
@@ -151,7 +151,8 @@ class Outline:
             motion: with its joints in the order of the robot.
         """
         links = self._links_of_feet()
-        return self._of_feet(links, self._lowest(links, *self._poses(motion, links)))
+        low = self._robot.lowest(links, *self._poses(motion, links))
+        return self._of_feet(links, low)
 
     def _links_of_feet(self) -> list[str]:
         return [b for b in self.links if any(b in of for of in self.feet.values())]
@@ -160,21 +161,8 @@ class Outline:
         self, motion: RobotMotion, links: Sequence[str]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Where links are in the world: p_WB (T, L, 3) [m], R_WB (T, L, 3, 3)."""
-        p_RB, R_RB = self._robot.poses_in_root(motion.joint_positions, links)
-        R_WR = motion.root_rotations.as_matrix()
-        p_WB = motion.root_positions[:, None] + np.einsum("tij,tlj->tli", R_WR, p_RB)
-        return p_WB, np.einsum("tij,tljk->tlik", R_WR, R_RB)
-
-    def _lowest(
-        self, links: Sequence[str], p_WB: np.ndarray, R_WB: np.ndarray
-    ) -> np.ndarray:
-        """(T, L) heights of the lowest points of links whose poses these are [m]."""
-        low = np.empty((len(p_WB), len(links)))
-        for i, link in enumerate(links):
-            outline = self._outlines[link]
-            z = p_WB[:, i, 2:] + R_WB[:, i, 2] @ outline.points.T
-            low[:, i] = (z - outline.radii).min(axis=1)
-        return low
+        root = motion.root_positions, motion.root_rotations
+        return self._robot.poses_in_world(*root, motion.joint_positions, links)
 
     def _of_feet(self, links: Sequence[str], low: np.ndarray) -> dict[str, np.ndarray]:
         """`heights`, where those of links are (T, L)."""

@@ -44,20 +44,12 @@ class Standing:
     @cached_property
     def _poses(self) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
         links = tuple(self._robot.outlines)
-        p_RB, R_RB = self._robot.poses_in_root(self._q, links)
-        R_WR = self._R.as_matrix()
-        p_WB = self._p[:, None] + np.einsum("tij,tlj->tli", R_WR, p_RB)
-        return links, p_WB, R_WR[:, None] @ R_RB
+        return links, *self._robot.poses_in_world(self._p, self._R, self._q, links)
 
     @cached_property
     def _lows(self) -> np.ndarray:
         """(T, L) heights of each link's lowest point [m]."""
-        links, p_WB, R_WB = self._poses
-        lows = np.empty(p_WB.shape[:2])
-        for k, outline in enumerate(self._robot.outlines[link] for link in links):
-            heights = R_WB[:, k, 2] @ outline.points.T + p_WB[:, k, 2:]
-            lows[:, k] = (heights - outline.radii).min(axis=1)
-        return lows
+        return self._robot.lowest(*self._poses)
 
     @property
     def lowest(self) -> np.ndarray:

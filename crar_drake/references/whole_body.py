@@ -165,7 +165,7 @@ class WholeBody:
         return self.plant.NumBodiesWithName(name) == 1
 
     def poses_in_root(
-        self, joint_positions: np.ndarray, links: tuple[str, ...]
+        self, joint_positions: np.ndarray, links: Sequence[str]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Where links are in the root's frame.
 
@@ -187,6 +187,44 @@ class WholeBody:
                 X_RB = (X_RM @ X_MB).GetAsMatrix34()
                 p_RB[t, i], R_RB[t, i] = X_RB[:, 3], X_RB[:, :3]
         return p_RB, R_RB
+
+    def poses_in_world(
+        self,
+        root_positions: np.ndarray,
+        root_rotations: Rotation,
+        joint_positions: np.ndarray,
+        links: Sequence[str],
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Where links are in the world.
+
+        Args:
+            root_positions: (T, 3) p_WR [m].
+            root_rotations: (T) R_WR.
+            joint_positions: (T, n) [rad or m].
+            links: (L) names.
+
+        Returns:
+            p_WB (T, L, 3) [m] and R_WB (T, L, 3, 3).
+        """
+        p_RB, R_RB = self.poses_in_root(joint_positions, links)
+        R_WR = root_rotations.as_matrix()
+        p_WB = root_positions[:, None] + np.einsum("tij,tlj->tli", R_WR, p_RB)
+        return p_WB, np.einsum("tij,tljk->tlik", R_WR, R_RB)
+
+    def lowest(
+        self, links: Sequence[str], p_WB: np.ndarray, R_WB: np.ndarray
+    ) -> np.ndarray:
+        """(T, L) heights of the lowest points of links that have a shape [m].
+
+        Args:
+            links, p_WB, R_WB: (L), (T, L, 3), (T, L, 3, 3) as of `poses_in_world`.
+        """
+        low = np.empty(p_WB.shape[:2])
+        for i, link in enumerate(links):
+            outline = self.outlines[link]
+            z = p_WB[:, i, 2:] + R_WB[:, i, 2] @ outline.points.T
+            low[:, i] = (z - outline.radii).min(axis=1)
+        return low
 
     def velocities_in_root(
         self,

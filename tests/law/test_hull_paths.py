@@ -9,7 +9,7 @@ from small_robots import chain_urdf, make_model
 from crar_drake.judging.referee import Referee
 from crar_drake.law.compilation import hold
 from crar_drake.law.kinematics import link_poses, place_points
-from crar_drake.law.path_bounds import LOWEST, path_bounds, travel
+from crar_drake.law.path_bounds import LOWEST, Bounds, path_bounds, travel
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
@@ -52,6 +52,12 @@ class Paths:
         self.rows = np.arange(len(self.of))
         self.referee = Referee(plant, model.scene_graph, model.description.pairs)
 
+    def bounds(self, start, x, bend, level: np.ndarray) -> Bounds:
+        """Of the whole of a path, of all pairs of shapes."""
+        whole = np.ones((1, len(self.rows)), dtype=bool)
+        of = start, x, bend, self.rows, level
+        return path_bounds(*of, self.robot, self.reaches, whole, LOWEST)
+
     def judged(self, path: np.ndarray) -> np.ndarray:
         """(Nc,) the smallest distances of the watched pairs at (K, nv) places."""
         found = []
@@ -88,17 +94,7 @@ def test_no_distance_on_a_path_is_below_what_is_found(paths, seed) -> None:
     """Nor is a pair said to be clear whose distance is below its level somewhere."""
     start, x, bend = drawn(paths, seed)
     level = np.full(len(paths.of), np.random.default_rng(seed).choice([0.004, 0.03]))
-    bounds = path_bounds(
-        start,
-        x,
-        bend,
-        paths.rows,
-        level,
-        paths.robot,
-        paths.reaches,
-        np.ones((1, len(paths.rows)), bool),
-        LOWEST,
-    )
+    bounds = paths.bounds(start, x, bend, level)
     t = np.linspace(0.0, 1.0, 16)[:, None]
     judged = paths.judged(start + t * x + t * t * bend)
     clear = paths.by_pair(np.where(bounds.at < 0.0, 1.0, 0.0)) > 0.0
@@ -112,17 +108,7 @@ def test_most_that_is_clear_is_found_to_be(paths) -> None:
     for seed in range(12):
         start, x, bend = drawn(paths, seed)
         level = np.full(len(paths.of), 0.004)
-        bounds = path_bounds(
-            start,
-            x,
-            bend,
-            paths.rows,
-            level,
-            paths.robot,
-            paths.reaches,
-            np.ones((1, len(paths.rows)), bool),
-            LOWEST,
-        )
+        bounds = paths.bounds(start, x, bend, level)
         t = np.linspace(0.0, 1.0, 15)[:, None]
         far = paths.judged(start + t * x + t * t * bend) > 0.009
         clear = paths.by_pair(np.where(bounds.at < 0.0, 1.0, 0.0)) > 0.0

@@ -28,6 +28,7 @@ from crar_drake.law.limits import velocity_bounds
 from crar_drake.law.path_bounds import (
     FALLING,
     LOWEST,
+    Bounds,
     gradients_at,
     next_path,
     path_bounds,
@@ -49,9 +50,17 @@ def shipped(robot: str) -> ControlModel:
     return ControlModel.FromDescription(load_robot_description(robot), [])
 
 
-def whole(rows: np.ndarray) -> np.ndarray:
-    """All of a path, of these pairs."""
-    return np.ones((1, len(rows)), dtype=bool)
+def bounds_of(
+    shapes: MovingShapes, *path_and_level: np.ndarray, wanted: int = LOWEST
+) -> Bounds:
+    """Of the whole of a path.
+
+    Args:
+        path_and_level: start, x, bend, rows and level of `path_bounds`.
+        wanted: see there.
+    """
+    whole = np.ones((1, len(path_and_level[-1])), dtype=bool)
+    return path_bounds(*path_and_level, shapes.robot, shapes.held, whole, wanted)
 
 
 @pytest.fixture(
@@ -364,21 +373,11 @@ def test_no_distance_on_a_path_is_below_its_bound(shapes: MovingShapes) -> None:
         rows = np.flatnonzero(rng.random(len(true)) < 0.8)
         true, slack = true[rows], slack[rows]
         level = true - slack
-        bounds = path_bounds(
-            start,
-            x,
-            0.0 * x,
-            rows,
-            level,
-            shapes.robot,
-            shapes.held,
-            whole(rows),
-            LOWEST,
-        )
+        bounds = bounds_of(shapes, start, x, 0.0 * x, rows, level)
         shown = bounds.at < 0.0
         # Where distances fall no pair is missed, and the place is below its level.
-        of = start, x, 0.0 * x, rows, level, shapes.robot, shapes.held, whole(rows)
-        falling = path_bounds(*of, FALLING)
+        of = start, x, 0.0 * x, rows, level
+        falling = bounds_of(shapes, *of, wanted=FALLING)
         np.testing.assert_array_equal(falling.at < 0.0, shown)
         sure = bounds.d < level
         assert (falling.d[sure] < level[sure]).all()
@@ -412,9 +411,7 @@ def test_no_distance_on_a_bent_path_is_below_its_bound(shapes: MovingShapes) -> 
         true = d.min(axis=0)
         slack = rng.choice([-0.02, -1e-6, 1e-6, 1e-3, 0.01], size=len(true))
         rows, level = np.arange(len(true)), true - slack
-        bounds = path_bounds(
-            start, x, bend, rows, level, shapes.robot, shapes.held, whole(rows), LOWEST
-        )
+        bounds = bounds_of(shapes, start, x, bend, rows, level)
         shown = bounds.at < 0.0
         assert (true[shown] >= level[shown] - 1e-6).all()  # the samples' spacing
         assert (bounds.low[shown] <= true[shown] + 1e-12).all()
@@ -439,9 +436,7 @@ def test_gradients_are_those_of_the_distances_where_they_fail(
     d = shapes.on_path(start, start + x, 50)
     level = d.min(axis=0) + rng.choice([-0.1, 0.01], size=d.shape[1])
     rows = np.arange(len(level))
-    bounds = path_bounds(
-        start, x, 0.0 * x, rows, level, shapes.robot, shapes.held, whole(rows), LOWEST
-    )
+    bounds = bounds_of(shapes, start, x, 0.0 * x, rows, level)
     failed, g = gradients_at(start, x, rows, bounds, shapes.robot)
     np.testing.assert_array_equal(failed, np.flatnonzero(bounds.at >= 0.0))
     for pair, gradient in zip(failed, g, strict=True):
@@ -462,17 +457,7 @@ def test_a_path_without_way_is_its_start(shapes: MovingShapes) -> None:
     rows = np.arange(len(d))
     for level, expected in ((d - 1e-9, True), (d + 1e-9, False)):
         still = np.zeros(len(start))
-        bounds = path_bounds(
-            start,
-            still,
-            still,
-            rows,
-            level,
-            shapes.robot,
-            shapes.held,
-            whole(rows),
-            LOWEST,
-        )
+        bounds = bounds_of(shapes, start, still, still, rows, level)
         assert ((bounds.at < 0.0) == expected).all()
 
 
@@ -486,9 +471,7 @@ def test_what_has_no_distance_is_not_clear(ball) -> None:
     """An overflow makes a NaN of it; and the law brakes then."""
     start, x = np.array([1.0, 1.0]), np.array([np.nan, 0.0])
     rows, level, straight = np.array([0]), np.array([4e-3]), np.zeros(2)
-    bounds = path_bounds(
-        start, x, straight, rows, level, ball.robot, ball.held, whole(rows), LOWEST
-    )
+    bounds = bounds_of(ball, start, x, straight, rows, level)
     assert bounds.at[0] >= 0.0 and bounds.low[0] == bounds.d[0] == -np.inf
 
 
@@ -498,7 +481,5 @@ def test_a_pair_that_is_not_decided_is_not_clear_however_far(ball) -> None:
     rows, straight = np.array([0]), np.zeros(2)
     for less, clear in ((100.0, True), (1e-3, False), (-1e-3, False)):
         level = np.array([2000.0 - BOTH - less])
-        bounds = path_bounds(
-            start, x, straight, rows, level, ball.robot, ball.held, whole(rows), LOWEST
-        )
+        bounds = bounds_of(ball, start, x, straight, rows, level)
         assert (bounds.at[0] < 0.0) == clear

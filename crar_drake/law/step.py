@@ -290,45 +290,48 @@ def _towards_braking(
     Returns:
         (nv,) the step; the share; clearances, empty of braking.
     """
-    taken, share, clearances = np.zeros_like(s), 0.0, {}
     # Who objects is asked first: the others then need not be.
     constraints = sorted(
         constraints, key=lambda each: each.name not in found.objections
     )
+    scaled, taken, clearances = np.ones(len(s), dtype=bool), np.zeros_like(s), {}
     unsafe = [each.joints for each in found.objections.values()]
-    masks = [np.ones(len(s), dtype=bool)]
     if all(joints is not None for joints in unsafe):
         some = np.any(unsafe, axis=0)
         if not some.all():
-            masks.insert(0, some)
-    for mask in masks:
-        if not mask.all():
-            others = np.where(mask, 0.0, s)
+            others = np.where(some, 0.0, s)
             looked = examine(constraints, state, others)
-            if not looked.safe:
-                continue
-            taken, clearances = others, looked.clearances
-        low, high = 0.0, 1.0
-        for _ in range(BISECTIONS):
-            middle = 0.5 * (low + high)
-            some = np.where(mask, middle * s, s)
-            looked = examine(constraints, state, some)
             if looked.safe:
-                low, taken, clearances = middle, some, looked.clearances
-            else:
-                high = middle
-        share = low
-        break
-    if share < LESS[0]:
-        for less in LESS:
-            other = _projected(state, less, asked)
-            looked = examine(constraints, state, other)
-            if looked.safe:
-                taken, share, clearances = other, less, looked.clearances
+                scaled, taken, clearances = some, others, looked.clearances
+    low, high = 0.0, 1.0
+    for _ in range(BISECTIONS):
+        if high == LESS[0]:
+            less = _of_less(state, constraints, asked)
+            if less is not None:
+                taken, low, clearances = less
                 break
+        middle = 0.5 * (low + high)
+        some = np.where(scaled, middle * s, s)
+        looked = examine(constraints, state, some)
+        if looked.safe:
+            low, taken, clearances = middle, some, looked.clearances
+        else:
+            high = middle
     least = min(each.share for each in found.objections.values())
-    if share == 0.0 and least > 0.0:
+    if low == 0.0 and least > 0.0:
         looked = examine(constraints, state, least * s)
         if looked.safe:
             return least * s, least, looked.clearances
-    return taken, share, clearances
+    return taken, low, clearances
+
+
+def _of_less(
+    state: State, constraints: Sequence[Constraint], asked: Sequence[Rows]
+) -> tuple[np.ndarray, float, dict[str, float]] | None:
+    """The largest of `LESS` whose projection (nv,) is safe, with the clearances."""
+    for less in LESS:
+        s = _projected(state, less, asked)
+        looked = examine(constraints, state, s)
+        if looked.safe:
+            return s, less, looked.clearances
+    return None

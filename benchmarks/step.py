@@ -142,7 +142,7 @@ def time_simulation(scenario: Scenario, recording: bool) -> tuple[float, float, 
     if recording:
         log = make_log(scenario, setup, diagram, simulator.get_context())
         with tempfile.TemporaryDirectory() as folder:
-            record_logs([log], Path(folder) / RECORDING, scenario=scenario)
+            record_logs([log], Path(folder) / RECORDING)
     return end - start, cpu_end - cpu_start, time.perf_counter() - end
 
 

@@ -210,7 +210,7 @@ def run_scenario(
         if out is None:
             interrupts.release()
             return result
-        missing = write_run(out, result, logged, record, interrupts)
+        missing = write_run(out, result, record, interrupts)
     tell_end(result, out, stopped, missing, f" of {duration:g} s")
     return result
 
@@ -340,9 +340,7 @@ def summary_of(
     obstacles = judge_obstacles(
         log, scenario, model.plant, model.scene_graph, model.description.pairs
     )
-    summary = summarize(
-        log, scenario=scenario, obstacles=obstacles, stance=stood, **known
-    )
+    summary = summarize(log, obstacles=obstacles, stance=stood, **known)
     return replace(summary, stopped=reason_of(stopped))
 
 
@@ -416,7 +414,6 @@ def _simulate(
 def write_run(
     out: Path,
     result: RunResult,
-    scenario: Scenario,
     record: bool,
     interrupts: Interrupts,
     note: str = "",
@@ -436,19 +433,12 @@ def write_run(
     def write_recording(path: Path) -> None:
         from crar_drake.results.playback import record_logs
 
-        record_logs(
-            [log],
-            path,
-            frames_per_second=1.0 / scenario.visualization.publish_period,
-            scenario=scenario,
-            description=result.setup.simulated.description,
-            note=note,
-        )
+        record_logs([log], path, note=note)
 
     # The page takes longest, and comes last.
     others: dict[str, Callable[[Path], None]] = {
         SUMMARY: write_summary,
-        PLOT: lambda path: plot_run(log, path, scenario),
+        PLOT: lambda path: plot_run(log, path),
     }
     if record:
         others[RECORDING] = write_recording

@@ -232,8 +232,8 @@ def test_an_interrupt_while_writing_ends_cleanly(
         in_the_middle(monkeypatch, interrupt)
     draw = crar_drake.results.plots.draw_run
 
-    def draw_and_interrupt(log, scenario):
-        figure = draw(log, scenario)
+    def draw_and_interrupt(log):
+        figure = draw(log)
         save = figure.savefig
 
         def savefig(path, **options):

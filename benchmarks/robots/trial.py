@@ -217,7 +217,7 @@ def _judge(
     """Fills in what judges say that share nothing with the controller."""
     model = ControlModel.FromDescription(description, scenario.task_list())
     late = log.samples(log.time >= scenario.controller.blend_time)
-    outcome.error = summarize(late, None, scenario=scenario).rms_task_error
+    outcome.error = summarize(late).rms_task_error
     pairs = description.without_ground().pairs
     speeds = scenario.controller.speed_limits(model)
     found = Referee(model.plant, model.scene_graph, pairs, speeds).violations(

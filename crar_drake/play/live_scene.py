@@ -15,15 +15,14 @@ from crar_drake.law.records import STATUS_WORDS
 from crar_drake.law.safety_filter import HOW, NOMINAL
 from crar_drake.play.live_simulation import LiveSimulation, points_of
 from crar_drake.play.pacing import Pacer
+from crar_drake.results.drawn_robot import DrawnRobot
 from crar_drake.results.marks import NEARNESS_STEPS
 from crar_drake.results.recorded_page import spoken
-from crar_drake.results.recorded_run import DrawnRobot, poses_of
 from crar_drake.robot.description import GROUND
 from crar_drake.simulation.visuals import set_surroundings
 from crar_drake.strict_json import finite
 
 PREFIX = "/crar/robot0"
-NEAR_PAIRS = 8  # of which at most the page shows how near they are
 
 # What the page calls what a law reports; else as that does.
 _CALLED = {"blending": "blending in", "scaled": "slowed down"}
@@ -56,7 +55,7 @@ class LiveScene:
         drawn = replace(simulated.description, pairs=pairs)
         radii = live.obstacles()[:, 3].tolist()
         self.robot = DrawnRobot(drawn, meshcat, PREFIX, colour, radii)
-        self._warning = scenario.warning_distance
+        self._near = NEARNESS_STEPS[0] * scenario.warning_distance
         above = np.array([GROUND in names for names in live.model.pairs.names], bool)
         self._above_ground = above & (not above.all())
         _, points = self.robot.pose_links(live.positions())
@@ -72,8 +71,7 @@ class LiveScene:
             notice: something to tell the person; "" for nothing.
         """
         live = self._live
-        poses, _ = self.robot.pose_links(live.positions())
-        poses = np.vstack([poses, poses_of(live.obstacles()[:, :3])])
+        poses, _ = self.robot.pose_links(live.positions(), live.obstacles()[:, :3])
         parts = live.diagnostics()
         distances = parts["signed_distances"]
         # Feet are always near the ground, as in `SimulationLog.between_links`.
@@ -101,7 +99,10 @@ class LiveScene:
             "error": finite(
                 np.linalg.norm(targets - reached, axis=1).max(initial=0.0), 5
             ),
-            "near": self._near(distances),
+            "near": [
+                [int(pair), finite(d, 5), *finite(ends, 4)]
+                for pair, d, *ends in self.robot.near_pairs(distances, self._near)
+            ],
             "smallest": finite(distances.min(initial=math.inf), 5),
             "status": _CALLED.get(status, status),
             "admitted": _CALLED.get(found, found),
@@ -134,13 +135,3 @@ class LiveScene:
             near = f"{obstacle} is near the {spoken(link)}"
             return "holds", f"lookahead: {near}, so that it is slow"
         return "holds", "lookahead: the way to brake is clear"
-
-    def _near(self, distances: np.ndarray) -> list[list[float]]:
-        """Of the nearest pairs: number, distance [m], a point on either link [m]."""
-        order = np.argsort(distances, kind="stable")[:NEAR_PAIRS]
-        order = order[distances[order] < NEARNESS_STEPS[0] * self._warning]
-        points = self.robot.nearest_points(order)
-        return [
-            [int(pair), finite(distances[pair], 5), *finite(ends, 4)]
-            for pair, ends in zip(order, points, strict=True)
-        ]

@@ -11,11 +11,12 @@ from pathlib import Path
 from pydrake.common import FindResourceOrThrow
 from pydrake.multibody.tree import BodyIndex
 
-from crar_drake.play.live_scene import NEAR_PAIRS, PREFIX, LiveScene
+from crar_drake.play.live_scene import PREFIX, LiveScene
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import FASTEST, SLOWEST
 from crar_drake.play.requests import STRONGEST
 from crar_drake.resources import page_resource
+from crar_drake.results.drawn_robot import MOST_NEAR
 from crar_drake.results.recorded_page import page_look, spoken
 from crar_drake.results.summary import motion_name, robot_name
 
@@ -37,7 +38,7 @@ def make_page(live: LiveSimulation, scene: LiveScene, meshcat_port: int) -> str:
         "duration": live.duration,
         "tasks": [spoken(layout.names[i]) for i in layout.linear_tasks],
         "pairs": [spoken(f"{a} - {b}") for a, b in live.model.pairs.names],
-        "most": NEAR_PAIRS,
+        "most": MOST_NEAR,
         "warning": scenario.warning_distance,
         "floor": live.floor,
         "frames": _push_frames(live),

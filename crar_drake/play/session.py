@@ -149,9 +149,7 @@ class PlaySession:
             warnings=[live.reported()],
         )
         result = RunResult(log, summary, live.setup)
-        missing = write_run(
-            out, result, scenario, True, interrupts, note=live.reported()
-        )
+        missing = write_run(out, result, True, interrupts, note=live.reported())
         tell_end(result, out, self.failure, missing)
         return result
 

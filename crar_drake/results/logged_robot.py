@@ -18,23 +18,20 @@ def load_logged_scenario(log: SimulationLog) -> Scenario:
     return parse_scenario(log.scenario, "the log's scenario")
 
 
-def load_logged_robot(
-    log: SimulationLog, robot: str = "", scenario: Scenario | None = None
-) -> RobotDescription:
+def load_logged_robot(log: SimulationLog, robot: str = "") -> RobotDescription:
     """Loads the robot that a log was made with.
 
     Args:
         log: that names it: by its name, or by where it lay at the run.
         robot: where it is now, or its name; by default what the log says.
-        scenario: of the log, if it is at hand; by default the log's text is parsed.
 
     Raises:
         ModelError: it is not there (any more), not imported, or not a description.
         ScenarioError: the log's scenario is not one of this version.
     """
-    scenario = scenario or load_logged_scenario(log)
+    name = robot or load_logged_scenario(log).robot
     try:
-        return load_robot_description(robot or scenario.robot)
+        return load_robot_description(name)
     except ModelError as error:
         if robot:
             raise

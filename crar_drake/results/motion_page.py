@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Meshcat, Rgba
+from pydrake.geometry import Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import CrarError
@@ -27,18 +27,13 @@ from crar_drake.references.reference_judge import (
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results import marks
+from crar_drake.results.drawn_robot import DrawnRobot
 from crar_drake.results.recorded_page import (
-    ShownRun,
+    RecordedRun,
     empty_scene,
     figure,
     robot_prefix,
     write_page,
-)
-from crar_drake.results.recorded_run import (
-    MOST_NEAR,
-    DrawnRobot,
-    RecordedRun,
-    outermost,
 )
 from crar_drake.robot.description import (
     RobotDescription,
@@ -75,89 +70,52 @@ def compare_files(
     meshes: bool = True,
     overlay: bool = False,
 ) -> list[ReferenceVerdict]:
-    """`compare_motions` of files.
+    """Judges motions of one robot, and writes the page of them; their verdicts.
 
     Args:
-        files: of motions, the first of which the others came from.
-        path, labels, overlay: as of `compare_motions`.
+        files: of two motions or more, at most as many as `marks.RUNS`, the first of
+            which the others came from.
+        path: of the .html file; appears whole or not at all.
+        labels: what to call each.
         layout, rate: of the files, where they do not say them (`read_motion`).
         clip: which motion of files that hold several.
         frames: of the first file, that the others were made of.
         meshes: whether to judge by meshes, where the robot has any.
+        overlay: whether they are laid over each other when the page opens.
 
     Raises:
+        CrarError: there are too few or too many.
         MotionError: a file cannot be read, is of another robot, or holds several
             motions and none was named.
         ModelError: the robot cannot be used, or what reads meshes is not installed.
-        CrarError, WriteError: as of `compare_motions`.
+        WriteError: the page cannot be written.
     """
+    if not 2 <= len(files) <= len(marks.RUNS):
+        raise CrarError(
+            f"{len(files)} motions cannot be compared: name 2 to {len(marks.RUNS)}"
+        )
     description = load_robot_description(robot).without_ground()
     whole = WholeBody(description)
     motions = [
         read_motion(file, layout, rate, clip=clip, robot=whole) for file in files
     ]
     motions[0] = trimmed(motions[0], frames)
-    name = Path(files[0]).name
-    return compare_motions(
-        motions,
-        path,
-        ReferenceJudge(description, meshes),
-        labels=labels,
-        title=f"{name}, {clip}" if clip else name,
-        overlay=overlay,
-    )
-
-
-def compare_motions(
-    motions: Sequence[RobotMotion],
-    path: str | os.PathLike[str],
-    judge: ReferenceJudge,
-    *,
-    labels: Sequence[str],
-    title: str,
-    overlay: bool = False,
-    meshcat: Meshcat | None = None,
-) -> list[ReferenceVerdict]:
-    """Judges motions of one robot, and writes the page of them; their verdicts.
-
-    Args:
-        motions: at least two and at most as many as `marks.RUNS`, with their joints in
-            the robot's order. What became of each is reported against the first.
-        path: of the .html file; appears whole or not at all.
-        overlay: whether they are laid over each other when the page opens.
-        meshcat: to draw into; by default one of its own.
-
-    Raises:
-        CrarError: there are too few or too many.
-        WriteError: the file cannot be written.
-    """
-    if not 2 <= len(motions) <= len(marks.RUNS):
-        raise CrarError(
-            f"{len(motions)} motions cannot be compared: name 2 to {len(marks.RUNS)}"
-        )
+    judge = ReferenceJudge(description, meshes)
     verdicts = [judge.judge(motion) for motion in motions]
-    meshcat = empty_scene(meshcat)
-    whole = WholeBody(_afloat(judge.robot))
-    robot = DrawnRobot(whole.description, meshcat, robot_prefix(0), _GREY)
-    shown = [
-        ShownRun(
-            _recorded(
-                motion, motions[0], verdict, _configurations(motion, whole), robot
-            ),
-            0,
-            label,
-            _figures(motion, motions[0], verdict),
-        )
-        for motion, verdict, label in zip(motions, verdicts, labels, strict=True)
-    ]
     judged = "meshes" if verdicts[0].meshes is not None else "capsules"
+    meshcat, afloat = empty_scene(), WholeBody(_afloat(judge.robot))
+    drawn = DrawnRobot(afloat.description, meshcat, robot_prefix(0), _GREY)
+    name = Path(files[0]).name
     write_page(
         path,
         meshcat,
-        [robot],
-        shown,
-        title=title,
-        subtitle=_subtitle(motions, judge.robot.description.name, judged),
+        [drawn],
+        [
+            _record(motion, motions[0], verdict, label, afloat, drawn)
+            for motion, verdict, label in zip(motions, verdicts, labels, strict=True)
+        ],
+        title=f"{name}, {clip}" if clip else name,
+        subtitle=_subtitle(motions, description.name, judged),
         overlay=overlay,
         spans=_SPANS,
         texts={
@@ -210,43 +168,36 @@ def _deciding(verdict: ReferenceVerdict) -> Sequence[PairFrames]:
     return verdict.mesh_pairs if verdict.meshes is not None else verdict.capsules or ()
 
 
-def _recorded(
+def _record(
     motion: RobotMotion,
     first: RobotMotion,
     verdict: ReferenceVerdict,
-    q: np.ndarray,
+    label: str,
+    whole: WholeBody,
     robot: DrawnRobot,
 ) -> RecordedRun:
-    """What the page shows of a motion, (T, nq) of the plant, in its own frames."""
-    pairs = _deciding(verdict)
-    near = np.full((motion.num_frames, MOST_NEAR, 8), np.nan)
-    penetrating = _by_frame(pairs, robot)
-    poses, outline = [], []
-    for k in range(motion.num_frames):
-        at, points = robot.pose_links(q[k])
-        poses.append(at)
-        outline.append(outermost(points))
-        deepest = sorted(penetrating.get(k, ()))[:MOST_NEAR]
-        if deepest:
-            points = robot.nearest_points(np.array([pair for *_, pair in deepest]))
-            for row, (distance, number, _), at in zip(
-                near[k], deepest, points, strict=False
-            ):
-                row[:] = number, distance, *at
-    times = np.arange(motion.num_frames) / motion.rate
-    change = np.empty(0)
-    if motion is not first and motion.num_frames == first.num_frames:
+    """What the page shows of a motion, in its own frames."""
+    pairs, count = _deciding(verdict), motion.num_frames
+    # Where they meet is known of those that penetrate and whose capsules are watched.
+    watched = {frozenset(p): i for i, p in enumerate(robot.description.pairs)}
+    distances = np.full((count, len(watched)), np.inf)
+    for each in pairs:
+        if (pair := watched.get(frozenset(each.pair))) is not None:
+            distances[list(each.frames), pair] = -np.array(each.depths)
+    times, change = np.arange(count) / motion.rate, np.empty(0)
+    if motion is not first and count == first.num_frames:
         change = np.abs(motion.joint_positions - first.joint_positions).max(axis=1)
     frames = {_LIMITS: verdict.beyond_frames, _CAPSULES: verdict.capsule_frames}
     frames[_MESHES] = verdict.penetrating_frames
+    no_targets = np.empty((count, 0, 3))
     return RecordedRun(
+        robot=0,
+        label=label,
+        figures=_figures(motion, first, verdict),
         warning_distance=0.0,
         rate=motion.rate,
-        time=times,
-        poses=np.array(poses),
-        targets=np.empty((motion.num_frames, 0, 3)),
-        reached=np.empty((motion.num_frames, 0, 3)),
-        near=near,
+        **robot.record(_configurations(motion, whole), distances, np.inf),
+        pair_names=[" - ".join(pair) for pair in robot.description.pairs],
         curve_time=times,
         distance_curve=verdict.capsule_distances
         if verdict.capsules is not None
@@ -255,18 +206,15 @@ def _recorded(
         error_unit="rad",
         spans={
             name: [
-                (
-                    max(a - 0.5, 0.0) / motion.rate,
-                    min(b + 0.5, len(times) - 1) / motion.rate,
-                )
-                for a, b in _in_a_row(each, len(times))
+                (max(a - 0.5, 0.0) / motion.rate, min(b + 0.5, count - 1) / motion.rate)
+                for a, b in _in_a_row(each, count)
             ]
             for name, each in frames.items()
         },
-        pair_names=[" - ".join(each.pair) for each in pairs],
-        target_names=[],
-        outline=outermost(np.vstack(outline)),
-        penetrating=_penetrating_links(pairs, robot, len(times)),
+        target_names=(),
+        targets=no_targets,
+        reached=no_targets,
+        penetrating=_penetrating_links(pairs, robot, count),
     )
 
 
@@ -291,22 +239,6 @@ def _in_a_row(frames: Sequence[int], num_frames: int) -> list[tuple[int, int]]:
     flags = np.zeros(num_frames, dtype=bool)
     flags[list(frames)] = True
     return [(start, end - 1) for start, end in runs(flags)]
-
-
-def _by_frame(
-    pairs: Sequence[PairFrames], robot: DrawnRobot
-) -> dict[int, list[tuple[float, int, int]]]:
-    """Frame to (distance, number, watched pair) of the pairs that penetrate in it, of
-    those whose capsules are watched, so that it is known where they meet."""
-    watched = {frozenset(p): i for i, p in enumerate(robot.description.pairs)}
-    found: dict[int, list[tuple[float, int, int]]] = {}
-    for number, each in enumerate(pairs):
-        pair = watched.get(frozenset(each.pair))
-        if pair is None:
-            continue
-        for frame, depth in zip(each.frames, each.depths, strict=True):
-            found.setdefault(frame, []).append((-depth, number, pair))
-    return found
 
 
 def _afloat(robot: WholeBody) -> RobotDescription:

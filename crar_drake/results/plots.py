@@ -14,7 +14,6 @@ from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
 from crar_drake.results.summary import Summary, summarize, task_layout
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
-from crar_drake.simulation.scenario import Scenario
 
 # Pairs farther apart than this are of no interest [m].
 _FAR = 0.3
@@ -33,23 +32,20 @@ _SHARE = LinearSegmentedColormap.from_list("share", ["#f4f7f9", marks.JOINT, "#0
 _SHARE = _SHARE.with_extremes(over=marks.VIOLATION)
 
 
-def plot_run(
-    log: SimulationLog, path: str | os.PathLike[str], scenario: Scenario | None = None
-) -> None:
+def plot_run(log: SimulationLog, path: str | os.PathLike[str]) -> None:
     """Draws a run on one page, see `draw_run`.
 
     Args:
         path: the figure's file; its suffix (.png, .pdf, .svg) chooses the format.
-        scenario: of the log, if it is at hand; by default the log's text is parsed.
 
     Raises:
         ScenarioError: the scenario in the log is not one of this version.
         CrarError: there is no such format, or the file cannot be written.
     """
-    save_figure(draw_run(log, scenario), path, dpi=150)
+    save_figure(draw_run(log), path, dpi=150)
 
 
-def draw_run(log: SimulationLog, scenario: Scenario | None = None) -> Figure:
+def draw_run(log: SimulationLog) -> Figure:
     """Task error, distances, joint angles and torque against their limits, and power.
 
     Axes, from the top: when the controller blended onto targets, braked, or was limited
@@ -60,8 +56,7 @@ def draw_run(log: SimulationLog, scenario: Scenario | None = None) -> Figure:
     darker the nearer the torque is to its limit; the power of the controlled joints
     [W]. The colours are those of the recorded page, see `marks`.
     """
-    scenario = scenario or load_logged_scenario(log)
-    summary = summarize(log, scenario=scenario)
+    scenario, summary = load_logged_scenario(log), summarize(log)
     joints = controlled_joints(log)
     layout = task_layout(log)
     has = {

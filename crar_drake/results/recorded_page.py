@@ -11,7 +11,7 @@ import json
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -19,9 +19,10 @@ from pydrake.geometry import Meshcat
 from crar_drake.files import write_whole
 from crar_drake.resources import page_resource
 from crar_drake.results import marks
+from crar_drake.results.drawn_robot import DrawnRobot
 from crar_drake.results.packed_page import packed_array, packed_page
-from crar_drake.results.recorded_run import DrawnRobot, RecordedRun
 from crar_drake.simulation.visuals import GRID, VIEW_PITCH, VIEW_YAW, set_surroundings
+from crar_drake.strict_json import finite
 
 _SCRIPTS = ("view.js", "marks.js", "timeline.js", "page.js")
 
@@ -39,13 +40,39 @@ RUN_TEXTS = {
 
 
 @dataclass(frozen=True)
-class ShownRun:
-    """One of the robots that a page shows."""
+class RecordedRun:
+    """One of the robots that a page shows, at F frames."""
 
-    recorded: RecordedRun  # how it moves, and what is near
     robot: int  # which of the page's robots it is
     label: str  # what it is called beside others
-    figures: Sequence[dict]  # of it, see `figure`
+    figures: Sequence[dict]  # in the caption, see `figure`
+    # at which links count as near each other; 0 if only those inside each other do [m]
+    warning_distance: float
+    rate: float  # of the frames [Hz]
+    # (F, B, 7) of the links that are drawn and move, and then of the obstacles that do:
+    # p_WB [m] and the quaternion (x, y, z, w) of R_WB
+    poses: np.ndarray
+    # (F, K, 8) of the nearest pairs, nearest first: the pair's number, its signed
+    # distance [m], and a point on either surface [m]; NaN where fewer are near
+    near: np.ndarray
+    outline: np.ndarray  # (P, 3) outermost points of all frames [m]
+    pair_names: Sequence[str]
+    # (C,) when the curves are [s]; the smallest of all distances around that time [m],
+    # and the largest of all errors [m or rad], which may have NaN; both may be empty
+    curve_time: np.ndarray
+    distance_curve: np.ndarray
+    error_curve: np.ndarray
+    error_unit: str  # "m" or "rad"; "" without errors
+    # name of what is marked on the time line to its spans (start, end) [s]
+    spans: dict[str, list[tuple[float, float]]]
+    target_names: Sequence[str]
+    # (F, N, 3) p_WT, NaN where there is none, and where the points are that should be
+    # there [m]
+    targets: np.ndarray
+    reached: np.ndarray
+    # link, as its number among those that are drawn and move, to the first and last of
+    # frames in a row in which it is inside another
+    penetrating: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
 
 
 def figure(name: str, value: str, bad: bool = False) -> dict:
@@ -53,10 +80,9 @@ def figure(name: str, value: str, bad: bool = False) -> dict:
     return {"name": name, "value": value, "bad": bad}
 
 
-def empty_scene(meshcat: Meshcat | None) -> Meshcat:
+def empty_scene() -> Meshcat:
     """A Meshcat with nothing but what surrounds the robots."""
-    meshcat = meshcat or Meshcat()
-    meshcat.Delete()
+    meshcat = Meshcat()
     set_surroundings(meshcat)
     return meshcat
 
@@ -70,43 +96,36 @@ def write_page(
     path: str | os.PathLike[str],
     meshcat: Meshcat,
     robots: Sequence[DrawnRobot],
-    shown: Sequence[ShownRun],
+    runs: Sequence[RecordedRun],
     *,
     title: str,
     subtitle: str,
-    overlay: bool = False,
-    spans: dict[str, str] | None = None,
-    texts: dict | None = None,
+    overlay: bool,
+    spans: dict[str, str] = marks.SPANS,
+    texts: dict = RUN_TEXTS,
 ) -> None:
     """Writes a page, whole or not at all.
 
     Args:
         meshcat: from `empty_scene`, in which the robots are drawn.
         robots: in it, each at its `robot_prefix`.
-        shown: what moves; at most as many as `marks.RUNS`.
+        runs: what moves.
         overlay: whether the robots are laid over each other when the page opens.
-        spans: of their recordings to the colours that they have; by default those of
-            runs.
+        spans: what is marked on the time line to its colour.
         texts: as `RUN_TEXTS`.
 
     Raises:
+        CrarError: there are no runs, or more than `marks.RUNS` has colours for.
         WriteError: the file cannot be written.
     """
     arrays: list[bytes] = []
-    entries = [
-        {"label": run.label, "robot": run.robot, "colour": colour}
-        | {"figures": list(run.figures)}
-        | _recorded_entry(run.recorded, arrays)
-        for run, colour in zip(shown, marks.RUNS, strict=False)
-    ]
-    outline = np.vstack([run.recorded.outline for run in shown])
     data = {
         "title": title,
         "subtitle": subtitle,
         "overlay": overlay,
         **page_look(),
-        "spans": marks.SPANS if spans is None else spans,
-        "texts": RUN_TEXTS if texts is None else texts,
+        "spans": spans,
+        "texts": texts,
         "robots": [
             {
                 "prefix": robot_prefix(i),
@@ -115,8 +134,11 @@ def write_page(
             }
             for i, robot in enumerate(robots)
         ],
-        "runs": entries,
-        "outline": _rounded(outline.ravel(), 4),
+        "runs": [
+            {"colour": colour, **_entry(run, arrays)}
+            for run, colour in zip(runs, marks.RUNS, strict=False)
+        ],
+        "outline": finite(np.vstack([run.outline for run in runs]).ravel(), 4),
     }
     page = packed_page(_page(meshcat.StaticHtml(), data), arrays)
     write_whole(path, page)
@@ -141,39 +163,36 @@ def page_look() -> dict:
     }
 
 
-def _recorded_entry(run: RecordedRun, arrays: list[bytes]) -> dict:
+def _entry(run: RecordedRun, arrays: list[bytes]) -> dict:
     """What the page's scripts read of a run; its arrays are added to the others."""
     packed = {}
     for name, step in _STEPS.items():
         packed[name] = len(arrays)
         arrays.append(packed_array(getattr(run, name), step))
     return {
+        "label": run.label,
+        "robot": run.robot,
+        "figures": list(run.figures),
         **packed,
         "rate": run.rate,
-        "frames": len(run.time),
+        "frames": len(run.poses),
         "most": run.near.shape[1],
         "warning": run.warning_distance,
         "pairNames": [spoken(name) for name in run.pair_names],
         "targetNames": [spoken(name) for name in run.target_names],
         "curve": {
-            "time": _rounded(run.curve_time, 3),
-            "distance": _rounded(run.distance_curve, 5),
-            "error": _rounded(run.error_curve, 5),
+            "time": finite(run.curve_time, 3),
+            "distance": finite(run.distance_curve, 5),
+            "error": finite(run.error_curve, 5),
             "unit": run.error_unit,
         },
-        "spans": {
-            name: [[round(a, 3), round(b, 3)] for a, b in spans]
-            for name, spans in run.spans.items()
-        },
+        "spans": {name: finite(spans, 3) for name, spans in run.spans.items()},
         "penetrating": run.penetrating,
     }
 
 
-def _rounded(values: np.ndarray, digits: int) -> list[float | None]:
-    return [round(float(v), digits) if np.isfinite(v) else None for v in values]
-
-
 def spoken(name: str) -> str:
+    """The name of a joint, a link or a pair, for people."""
     return name.replace("_", " ").replace(" - ", " – ")
 
 

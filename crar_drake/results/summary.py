@@ -25,7 +25,6 @@ from crar_drake.results.logged_robot import load_logged_scenario
 from crar_drake.results.remarks import remarks
 from crar_drake.results.standing_run import Stance
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
-from crar_drake.simulation.scenario import Scenario
 from crar_drake.version import __version__
 
 
@@ -202,7 +201,6 @@ def summarize(
     log: SimulationLog,
     wall_time: float | None = None,
     *,
-    scenario: Scenario | None = None,
     motion: MotionReport | None = None,
     warnings: Sequence[str] = (),
     limbs: Mapping[str, LimbDirection] | None = None,
@@ -215,7 +213,6 @@ def summarize(
     Args:
         log: of at least one sample.
         wall_time: that the simulation took [s], if it is known.
-        scenario: of the log, if it is at hand; by default the log's text is parsed.
         motion: the report of the motion, if there is one at hand.
         warnings: lines to keep with the figures.
         limbs: how far they are off in direction, if it is known.
@@ -226,7 +223,7 @@ def summarize(
     Raises:
         ScenarioError: the scenario in the log is not one of this version.
     """
-    scenario = scenario or load_logged_scenario(log)
+    scenario = load_logged_scenario(log)
     layout = task_layout(log)
     joints = controlled_joints(log)
     duration = float(log.time[-1] - log.time[0])

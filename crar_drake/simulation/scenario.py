@@ -215,6 +215,11 @@ class Scenario:
                 f"plant_config.time_step: {self.plant_config.time_step} must be "
                 "positive, or 0 for a continuous plant"
             )
+        if not self.visualization.publish_period > 0.0:
+            raise ScenarioError(
+                f"visualization.publish_period: {self.visualization.publish_period} "
+                "must be positive"
+            )
         if self.simulator_config.start_time != 0.0:
             raise ScenarioError(
                 f"simulator_config.start_time: {self.simulator_config.start_time:g} s "

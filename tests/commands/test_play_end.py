@@ -26,7 +26,7 @@ def folder(monkeypatch, tmp_path):
     """An empty one, and a picture that takes no time."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        "crar_drake.results.plots.plot_run", lambda log, path, scenario: path.touch()
+        "crar_drake.results.plots.plot_run", lambda log, path: path.touch()
     )
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield tmp_path

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from pydrake.geometry import Meshcat
 from recorded_pages import look, read_data
 from small_reference_robots import BASE_SHAPE, reaching, write_csv, write_robot
 from small_robots import LINK
@@ -16,7 +15,7 @@ from crar_drake.errors import CrarError, MotionError
 from crar_drake.references.clean_file import clean_file
 from crar_drake.references.motion_files import read_motion, write_motions
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.results.motion_page import compare_files, compare_motions
+from crar_drake.results.motion_page import compare_files
 from crar_drake.robot.description import load_robot_description
 from docs.headless_browser import HeadlessBrowser, find_browser
 
@@ -311,9 +310,7 @@ def test_mistakes_are_told(made, tmp_path, capsys):
     with pytest.raises(MotionError, match="other.csv"):
         compare_files([reference, other], tmp_path / "p.html", str(folder), labels="ab")
     with pytest.raises(CrarError, match="1 motions cannot be compared"):
-        compare_motions(
-            [None], tmp_path / "p.html", None, labels="a", title="", meshcat=Meshcat()
-        )
+        compare_files([reference], tmp_path / "p.html", str(folder), labels="a")
     assert not (tmp_path / "p.html").exists()
     place = tmp_path / "reach.html"
     place.mkdir()

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.geometry import Meshcat
 from recorded_pages import look, read_data
 
 from crar_drake.errors import CrarError, ModelError
@@ -15,6 +14,7 @@ from crar_drake.law.parameters import with_constraints
 from crar_drake.law.tasks import TaskLayout
 from crar_drake.results import marks
 from crar_drake.results.log import SimulationLog
+from crar_drake.results.logged_robot import load_logged_scenario
 from crar_drake.results.playback import distinct_labels, record_logs
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
@@ -77,6 +77,13 @@ def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
     )
 
 
+def at_rate(frames_per_second: float, log: SimulationLog) -> SimulationLog:
+    """The same, to be recorded at that rate; by default it is FPS."""
+    scenario = load_logged_scenario(log)
+    scenario.visualization.publish_period = 1.0 / frames_per_second
+    return replace(log, scenario=scenario.to_yaml())
+
+
 @pytest.fixture(scope="module")
 def log() -> SimulationLog:
     log = make_log("upper_body", TASKS, 3.0)
@@ -89,14 +96,9 @@ def log() -> SimulationLog:
 
 
 @pytest.fixture(scope="module")
-def meshcat() -> Meshcat:
-    return Meshcat()
-
-
-@pytest.fixture(scope="module")
-def page(log, meshcat, tmp_path_factory) -> Path:
+def page(log, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("page") / "recording.html"
-    record_logs([log], path, frames_per_second=FPS, meshcat=meshcat)
+    record_logs([log], path)
     return path
 
 
@@ -135,15 +137,10 @@ def test_links_are_where_the_joints_put_them(log, page):
             np.testing.assert_allclose(sign * pose[3:], [x, y, z, w], atol=ROUNDED)
 
 
-def test_targets_and_the_points_that_should_be_there(log, meshcat, tmp_path):
+def test_targets_and_the_points_that_should_be_there(log, tmp_path):
     error = np.tile([0.0, 0.02, 0.0, 0.0, 0.0, -0.01], (len(log.time), 1))
     error[200:] = np.nan  # no targets from 2 s on
-    record_logs(
-        [replace(log, task_error=error)],
-        tmp_path / "page.html",
-        frames_per_second=8.0,
-        meshcat=meshcat,
-    )
+    record_logs([at_rate(8.0, replace(log, task_error=error))], tmp_path / "page.html")
     (run,) = read_data(tmp_path / "page.html")["runs"]
     targets = run["targets"].reshape(25, 2, 3)
     reached = run["reached"].reshape(25, 2, 3)
@@ -188,19 +185,13 @@ def test_near_pairs_end_on_the_surfaces(log, page):
         assert own and abs(min(own)) < 2e-5
 
 
-def test_curves_keep_every_peak(log, meshcat, tmp_path):
+def test_curves_keep_every_peak(log, tmp_path):
     time = np.arange(20001) * 1e-3
-    q = np.repeat(log.q[:1], len(time), axis=0)
     distances = np.full((len(time), log.signed_distances.shape[1]), 0.1)
     distances[7777, 3] = -0.004  # one sample
-    columns = {
-        name: np.repeat(getattr(log, name)[:1], len(time), axis=0)
-        for name in ("v", "actuation", "desired_acceleration", "desired_tasks")
-        + ("task_error", "constraint_weights", "status")
-        + ("admission", "balance", "torque_limit")
-    }
-    long = replace(log, time=time, q=q, signed_distances=distances, **columns)
-    record_logs([long], tmp_path / "p.html", frames_per_second=1.0, meshcat=meshcat)
+    long = log.samples(np.zeros(len(time), dtype=int))
+    long = replace(long, time=time, signed_distances=distances)
+    record_logs([at_rate(1.0, long)], tmp_path / "p.html")
     curve = read_data(tmp_path / "p.html")["runs"][0]["curve"]
     assert len(curve["distance"]) <= 1500
     assert min(curve["distance"]) == -0.004
@@ -348,16 +339,12 @@ def named(log: SimulationLog, motion: str, constraints: str) -> SimulationLog:
     return replace(log, scenario=scenario.to_yaml())
 
 
-def test_names_are_text_and_nothing_else(log, meshcat, browser, tmp_path):
+def test_names_are_text_and_nothing_else(log, browser, tmp_path):
     evil = "</script><script>window.evil = 1</script><img src=x onerror=alert(1)>"
     names = log.pair_names.copy().astype("U200")
     names[:] = [f"{evil} {i}" for i in range(len(names))]
-    record_logs(
-        [replace(named(log, evil, "none"), pair_names=names)],
-        tmp_path / "evil.html",
-        frames_per_second=4.0,
-        meshcat=meshcat,
-    )
+    evil_log = at_rate(4.0, replace(named(log, evil, "none"), pair_names=names))
+    record_logs([evil_log], tmp_path / "evil.html")
     browser.open(tmp_path / "evil.html", "#t=1.5")
     assert browser.evaluate("[crar.state.playing, crar.state.time]") == [False, 1.5]
     assert browser.evaluate("window.evil === undefined")
@@ -374,13 +361,14 @@ def test_names_are_text_and_nothing_else(log, meshcat, browser, tmp_path):
     assert browser.complaints == []
 
 
-def test_two_runs_in_one_page(log, meshcat, browser, tmp_path):
-    runs = [named(log, "dance", mode) for mode in ("none", "lookahead")]
+def test_two_runs_in_one_page(log, browser, tmp_path):
+    modes = ("none", "lookahead")
+    runs = [at_rate(8.0, named(log, "dance", mode)) for mode in modes]
     runs[0].signed_distances[150, 0] = -0.03
     labels = distinct_labels(runs, ["a", "b"])
     assert labels == ["none", "lookahead"]
     page = tmp_path / "compare.html"
-    record_logs(runs, page, labels=labels, frames_per_second=8.0, meshcat=meshcat)
+    record_logs(runs, page, labels=labels)
     data = read_data(page)
     assert [run["robot"] for run in data["runs"]] == [0, 0], "it is drawn once"
     assert [run["label"] for run in data["runs"]] == labels
@@ -433,10 +421,10 @@ def test_none_or_too_many_to_compare(log, tmp_path):
 
 
 @pytest.mark.parametrize("kind, targets", [("pose", 1), ("orientation", 0)])
-def test_log_of_another_robot(meshcat, browser, tmp_path, kind, targets):
+def test_log_of_another_robot(browser, tmp_path, kind, targets):
     log = make_log("obstacle_arm", [Task(frame="tool", kind=kind)], 0.5)
     log.signed_distances[:, 0] = 0.01  # the upper arm at the post
-    record_logs([log], tmp_path / "arm.html", frames_per_second=8.0, meshcat=meshcat)
+    record_logs([at_rate(8.0, log)], tmp_path / "arm.html")
     data = read_data(tmp_path / "arm.html")
     (run,) = data["runs"]
     assert run["targets"].size == 5 * targets * 3
@@ -455,8 +443,6 @@ def test_log_that_cannot_be_played(log, tmp_path):
     empty = replace(log, time=log.time[:0], q=log.q[:0])
     with pytest.raises(CrarError, match="log is empty"):
         record_logs([empty], tmp_path / "page.html")
-    with pytest.raises(CrarError, match="frames_per_second: 0"):
-        record_logs([log], tmp_path / "page.html", frames_per_second=0)
     with pytest.raises(CrarError, match="no finite positions"):
         record_logs(
             [replace(log, q=np.full_like(log.q, np.nan))], tmp_path / "page.html"
@@ -474,18 +460,9 @@ def test_log_that_cannot_be_played(log, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_page_appears_whole_or_not_at_all(log, meshcat, tmp_path):
+def test_page_appears_whole_or_not_at_all(log, tmp_path):
     (tmp_path / "page.html").mkdir()  # stands where the page should go
-    short = replace(
-        log,
-        **{
-            name: getattr(log, name)[:5]
-            for name in ("time", "q", "v", "actuation", "desired_acceleration")
-            + ("desired_tasks", "task_error", "signed_distances", "status")
-            + ("constraint_weights", "admission", "balance")
-            + ("torque_limit",)
-        },
-    )
+    short = log.samples(slice(5))
     with pytest.raises(CrarError, match="page.html: could not be written"):
-        record_logs([short], tmp_path / "page.html", meshcat=meshcat)
+        record_logs([short], tmp_path / "page.html")
     assert [p.name for p in tmp_path.iterdir()] == ["page.html"]

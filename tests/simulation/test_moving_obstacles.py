@@ -156,13 +156,13 @@ def test_a_run_judges_them_and_shows_them(among, tmp_path):
     np.testing.assert_allclose(person[0, 0], [1.4, 0.1, 0.9, 0.2])
     np.testing.assert_allclose(person[-1, 0], [0.15, 0.1, 0.9, 0.2])
     page = tmp_path / "page.html"
-    record_logs([log], page, frames_per_second=8.0)
+    record_logs([log], page)
     data = read_data(page)
     assert data["robots"][0]["spheres"] == 1
     assert data["robots"][0]["paths"][-1] == "/crar/robot0/obstacle 0"
     poses = data["runs"][0]["poses"].reshape(len(data["runs"][0]["poses"]), -1, 7)
     np.testing.assert_allclose(poses[-1, -1], [0.15, 0.1, 0.9, 0, 0, 0, 1], atol=1e-3)
-    at = [0.7 * 8.0]
+    at = [0.7 * data["runs"][0]["rate"]]
     expected = np.interp(at, np.arange(len(poses)), poses[:, -1, 0])
     np.testing.assert_allclose(expected, 1.4 - 0.4 / 0.7 * 1.25, atol=0.03)
 

@@ -20,10 +20,10 @@ from crar_drake.law.compilation import when_compiling
 from crar_drake.motion.report import inspect
 from crar_drake.resources import install_command
 from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
-from crar_drake.results.lasting_errors import lasting_error_warnings
 from crar_drake.results.limb_directions import limb_directions
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.obstacles import judge_obstacles
+from crar_drake.results.remarks import lasting_error_warnings
 from crar_drake.results.standing_run import as_measured, judged_speed_limits, stance
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
@@ -374,7 +374,7 @@ def _lowest(
     if len(log.time) < 2 or log.time[-1] <= blended:
         return None
     from crar_drake.references.whole_body import WholeBody
-    from crar_drake.results.lowest_point import lowest_point
+    from crar_drake.results.logged_motion import lowest_point
 
     return lowest_point(log, WholeBody(model.description), blended)
 

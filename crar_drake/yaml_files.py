@@ -8,7 +8,7 @@ import dataclasses
 import os
 import types
 import typing
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -28,6 +28,10 @@ _FastLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _Way = tuple[str | int, ...]
 
 _BYTE_ORDER_MARKS = {b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16"}
+
+
+class _Mistake(Exception):
+    """What is wrong with a text, and where, in words."""
 
 
 def read_text(path: str | os.PathLike[str], error: type[CrarError]) -> str:
@@ -62,7 +66,6 @@ def load_yaml(
     *,
     manual: str,
     defaults: T | None = None,
-    of_others: Mapping[_Way, Any] = MappingProxyType({}),
     kinds: Mapping[str, tuple[str, Mapping[str, type]]] = MappingProxyType({}),
 ) -> T:
     """Makes an object of a YAML text.
@@ -73,95 +76,66 @@ def load_yaml(
         source: what to call the text in messages, usually the file's path.
         manual: where the user finds what such a file holds, for messages.
         defaults: of keys that the text leaves out; by default those of `schema`.
-        of_others: the way to settings that the Drake which is installed does not
-            have, to what it does anyway. They are left out where they say that.
         kinds: top-level keys whose class one of their own keys chooses: that key, and
             its values to classes. A class that lacks the key is not given it.
 
     Raises:
         error: the text is no YAML, is empty, has a key twice or one that the schema
-            does not know at that level, or a value of another type; or a setting
-            of `of_others` says something else. The message names the source, the
-            way to the key and the line.
+            does not know at that level, or a value of another type. The message names
+            the source, the way to the key and the line.
     """
     try:
-        root = _composed(text)
-        _check_names(root, source, error)
-        # No text would be taken for no argument.
-        document = yaml_load_data(text) if root is not None else None
-        lines = _lines(root, source, error) if document is not None else {}
-    except yaml.YAMLError as why:
-        raise error(f"{source}: {_syntax(why, text)}") from why
-    except RecursionError as why:
-        raise error(
-            f"{source}: not YAML that can be read: it is nested too deep, "
-            "or within itself"
-        ) from why
-    except ValueError as why:
-        if isinstance(why, CrarError):
-            raise
-        # Of a value that looks like a date but is none.
-        raise error(f"{source}: not YAML that can be read: {why}") from why
-    if document is None:
-        raise error(f"{source}: the file is empty; {manual} shows what it may hold")
-    if not isinstance(document, dict):
-        raise error(
-            f"{source}: expected keys and values, found {_shown(document)}; see "
-            f"{manual}"
-        )
-    chosen = [_choose(document, key, *kind) for key, kind in kinds.items()]
-    others = {
-        (key, name): f"it belongs to {by}: {word}"
-        for key, (by, of) in kinds.items()
-        for word, kind in of.items()
-        for name in (*_fields(kind), by)
-    }
-    foreign = _take_out(document, of_others)
-    mistakes = [
-        (way, _of_another_drake(value, of_others[way]))
-        for way, value in foreign.items()
-        if value != of_others[way]
-    ]
-    for way, message in mistakes or _mistakes(document, schema, ()):
-        line = lines.get(way) or lines.get(way[:-1])
-        at = f" (line {line})" if line else ""
-        if "unknown key" in message and len(way) == 2 and way[0] in kinds:
-            names = [name for key, name in others if key == way[0]]
-            message = f"unknown key {way[1]!r}{nearest(str(way[1]), names)}"
-        if "unknown key" in message and way in others:
-            message = others[way]
-            if way[-1] == kinds[way[0]][0]:
-                message = f"it may be {', '.join(kinds[way[0]][1])}"
-        raise error(f"{source}: {_spelled(way)}{at}: {message}")
-    if foreign or any(chosen):
-        text = yaml_dump(document)
+        document, lines = _document(text)
+        if document is None:
+            raise _Mistake(f"the file is empty; {manual} shows what it may hold")
+        if not isinstance(document, dict):
+            raise _Mistake(
+                f"expected keys and values, found {_shown(document)}; see {manual}"
+            )
+        chosen = [_choose(document, key, *kind) for key, kind in kinds.items()]
+        for way, message in _mistakes(document, schema, ()):
+            line = lines.get(way) or lines.get(way[:-1])
+            at = f" (line {line})" if line else ""
+            if "unknown key" in message and len(way) == 2 and way[0] in kinds:
+                message = _of_another_kind(way[1], *kinds[way[0]])
+            raise _Mistake(f"{_spelled(way)}{at}: {message}")
+        if any(chosen):
+            text = yaml_dump(document)
+    except _Mistake as why:
+        raise error(f"{source}: {why}") from why.__cause__
     try:
         return yaml_load_typed(schema=schema, data=text, defaults=defaults)
     except Exception as why:  # what Drake checks besides
         raise error(f"{source}: {why}; see {manual}") from why
 
 
-def _composed(text: str) -> yaml.Node | None:
-    """The nodes of a text; what is wrong with it, in the words of PyYAML's own
-    parser."""
-    try:
-        return yaml.compose(text, Loader=_FastLoader)
-    except yaml.YAMLError:
-        return yaml.compose(text, Loader=yaml.SafeLoader)
-
-
 # --- the text ---------------------------------------------------------------------
 
 
-def _check_names(root: yaml.Node | None, source: str, error: type[CrarError]) -> None:
-    """Keys at the top are names: Drake's reader crashes at a number."""
-    for key, _ in root.value if isinstance(root, yaml.MappingNode) else ():
-        kind = key.tag.rpartition(":")[2]
-        if kind in ("int", "float", "bool", "null", "timestamp"):
-            raise error(
-                f"{source}: line {key.start_mark.line + 1}: the key {key.value[:40]} "
-                "is no name"
-            )
+def _document(text: str) -> tuple[Any, dict[_Way, int]]:
+    """What a text holds, None if nothing, and the line of each key and list entry."""
+    try:
+        try:
+            root = yaml.compose(text, Loader=_FastLoader)
+        except yaml.YAMLError:  # whose words PyYAML's own parser finds
+            root = yaml.compose(text, Loader=yaml.SafeLoader)
+        if root is None:  # which Drake would take for no argument
+            return None, {}
+        # Keys at the top are names: Drake's reader crashes at a number.
+        for key, _ in root.value if isinstance(root, yaml.MappingNode) else ():
+            kind = key.tag.rpartition(":")[2]
+            if kind in ("int", "float", "bool", "null", "timestamp"):
+                line = key.start_mark.line + 1
+                raise _Mistake(f"line {line}: the key {key.value[:40]} is no name")
+        return yaml_load_data(text), _lines(root)
+    except yaml.YAMLError as why:
+        raise _Mistake(_syntax(why, text)) from why
+    except RecursionError as why:
+        raise _Mistake(
+            "not YAML that can be read: it is nested too deep, or within itself"
+        ) from why
+    except ValueError as why:  # of a value that looks like a date but is none
+        raise _Mistake(f"not YAML that can be read: {why}") from why
 
 
 def _syntax(error: yaml.YAMLError, text: str) -> str:
@@ -183,7 +157,7 @@ def _syntax(error: yaml.YAMLError, text: str) -> str:
     return f"line {mark.line + 1}, column {mark.column + 1}: not YAML: {problem}"
 
 
-def _lines(root: yaml.Node, source: str, error: type[CrarError]) -> dict[_Way, int]:
+def _lines(root: yaml.Node) -> dict[_Way, int]:
     """The line of each key and list entry; no key may be there twice."""
     lines: dict[_Way, int] = {}
     waiting: list[tuple[yaml.Node, _Way]] = [(root, ())]
@@ -194,21 +168,22 @@ def _lines(root: yaml.Node, source: str, error: type[CrarError]) -> dict[_Way, i
             continue
         seen.add(id(node))
         if isinstance(node, yaml.SequenceNode):
-            for i, entry in enumerate(node.value):
-                lines[*way, i] = entry.start_mark.line + 1
-                waiting.append((entry, (*way, i)))
+            entries = [(i, entry, entry) for i, entry in enumerate(node.value)]
         elif isinstance(node, yaml.MappingNode):
-            for key, value in node.value:
-                if not isinstance(key, yaml.ScalarNode) or key.value == "<<":
-                    continue
-                here, line = (*way, key.value), key.start_mark.line + 1
-                if here in lines:
-                    raise error(
-                        f"{source}: {_spelled(here)}: the key is there twice, in "
-                        f"lines {lines[here]} and {line}; keep one"
-                    )
-                lines[here] = line
-                waiting.append((value, here))
+            entries = [(key.value, key, value) for key, value in node.value]
+        else:
+            continue
+        for name, key, value in entries:
+            if name == "<<" or isinstance(name, list):  # keys that are none
+                continue
+            here, line = (*way, name), key.start_mark.line + 1
+            if here in lines:
+                raise _Mistake(
+                    f"{_spelled(here)}: the key is there twice, in lines "
+                    f"{lines[here]} and {line}; keep one"
+                )
+            lines[here] = line
+            waiting.append((value, here))
     return lines
 
 
@@ -220,19 +195,7 @@ def _spelled(way: _Way) -> str:
     return text.removeprefix(".")
 
 
-# --- what another Drake has -------------------------------------------------------
-
-
-def _take_out(document: Any, ways: Iterable[_Way]) -> dict[_Way, Any]:
-    """Removes what a document has at these ways, and returns it."""
-    taken = {}
-    for way in ways:
-        holder = document
-        for key in way[:-1]:
-            holder = holder.get(key) if isinstance(holder, dict) else None
-        if isinstance(holder, dict) and way[-1] in holder:
-            taken[way] = holder.pop(way[-1])
-    return taken
+# --- classes that a key chooses ---------------------------------------------------
 
 
 def _choose(
@@ -249,11 +212,15 @@ def _choose(
     return True
 
 
-def _of_another_drake(value: Any, usual: Any) -> str:
-    return (
-        f"{value}: the Drake that is installed does not have this setting, and does as "
-        f"if it were {usual}; leave it out"
-    )
+def _of_another_kind(name: str, by: str, kinds: Mapping[str, type]) -> str:
+    """What is said of a key that the class that was chosen does not have."""
+    if name == by:
+        return f"it may be {', '.join(kinds)}"
+    words = [word for word, kind in kinds.items() if name in _fields(kind)]
+    if words:
+        return f"it belongs to {by}: {words[-1]}"
+    known = [each for kind in kinds.values() for each in _fields(kind)]
+    return f"unknown key {name!r}{nearest(name, [*known, by])}"
 
 
 # --- the schema -------------------------------------------------------------------

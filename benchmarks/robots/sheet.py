@@ -13,7 +13,6 @@ from crar_drake.motion.performer import PARENTS, Performer
 from crar_drake.results import LOG
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_robot, load_logged_scenario
-from crar_drake.results.summary import task_layout
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot_import.link_meshes import read_link_meshes
 
@@ -37,7 +36,7 @@ def write_sheet(subject: Subject, outcome: Outcome, folder: Path, out: Path) -> 
     log = SimulationLog.load(folder / LOG)
     scenario = load_logged_scenario(log)
     model = ControlModel.FromDescription(load_logged_robot(log), scenario.task_list())
-    plant, layout = model.plant, task_layout(log)
+    plant, layout = model.plant, log.layout
     context = plant.CreateDefaultContext()
     rng = np.random.default_rng(0)
     clouds = {}

@@ -21,7 +21,6 @@ from crar_drake.files import write_whole
 from crar_drake.fresh_processes import given_or_fresh
 from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.summary import task_layout
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.simulation.scenario import parse_scenario
 from crar_drake.version import __version__
@@ -93,7 +92,7 @@ def analyse(log: SimulationLog, violations: np.ndarray) -> Details:
         log: of the run, T samples.
         violations: (T,) violated limits plus penetrating pairs, of the referee.
     """
-    layout, joints = task_layout(log), controlled_joints(log)
+    layout, joints = log.layout, controlled_joints(log)
     squared = np.sum(log.task_error[:, layout.linear_rows] ** 2, axis=-1).mean(axis=1)
     violated = violations > 0
     power = joints.power

@@ -129,9 +129,9 @@ def run_log(arguments: argparse.Namespace) -> int:
 
     from crar_drake.judging.referee import Referee
     from crar_drake.results.certificate import has_certificate, judge_certificate
-    from crar_drake.results.clipped_torque import clipped_line
     from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
     from crar_drake.results.obstacles import judge_obstacles
+    from crar_drake.results.remarks import clipped_line
     from crar_drake.results.standing_run import judged_speed_limits
     from crar_drake.robot.model import ControlModel
     from crar_drake.robot_import.link_meshes import has_meshes

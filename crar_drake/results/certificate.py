@@ -11,8 +11,6 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
-from scipy.spatial.transform import Rotation
 
 from crar_drake.judging.referee import Referee
 from crar_drake.law.parameters import LookaheadParameters
@@ -113,7 +111,8 @@ def judge_certificate(
     acceleration leads to.
 
     Args:
-        log: of a run with the constraints "lookahead".
+        log: of a run with the constraints "lookahead", of a robot whose base is fixed,
+            so that velocities are the rates of positions.
         referee: of the robot; its velocity limits play no part.
         plant_step: the simulated plant's [s], 0 if it was continuous.
         every: of so many control steps one is judged, and of so many samples in
@@ -177,46 +176,6 @@ def judge_certificate(
     return verdict
 
 
-class Moves:
-    """How velocities change a plant's positions, by Drake's and SciPy's rotations.
-
-    A free joint's quaternion (w, x, y, z) is not what its angular velocity is the rate
-    of; every other joint's velocities are the rates of its positions.
-    """
-
-    def __init__(self, plant: MultibodyPlant) -> None:
-        self._plant, self._context = plant, plant.CreateDefaultContext()
-        self._free: list[tuple[int, int]] = []
-        rates = []  # of all but quaternions: which velocity is whose rate
-        for index in plant.GetJointIndices():
-            joint = plant.get_joint(index)
-            at, by = joint.position_start(), joint.velocity_start()
-            plain = joint.num_velocities()
-            if joint.num_positions() != plain:
-                self._free.append((at, by))
-                at, by, plain = at + 4, by + 3, 3
-            rates += [(at + i, by + i) for i in range(plain)]
-        self._positions, self._velocities = np.array(rates, dtype=int).reshape(-1, 2).T
-
-    def along(self, q: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Where constant velocities, x (nv,) or (K, nv) in all, lead from q (nq,)."""
-        moved = np.broadcast_to(q, (*x.shape[:-1], len(q))).copy()
-        moved[..., self._positions] += x[..., self._velocities]
-        for at, by in self._free:
-            w, *vector = q[at : at + 4]
-            turn = Rotation.from_rotvec(x[..., by : by + 3])
-            x_y_z_w = (turn * Rotation.from_quat([*vector, w])).as_quat()
-            moved[..., at : at + 4] = x_y_z_w[..., [3, 0, 1, 2]]
-        return moved
-
-    def step(self, q: np.ndarray, v: np.ndarray, step: float) -> np.ndarray:
-        """One step of the discrete plant: q plus so many seconds of q's own rate."""
-        if not self._free:
-            return q + step * v
-        self._plant.SetPositions(self._context, q)
-        return q + step * self._plant.MapVelocityToQDot(self._context, v)
-
-
 class _Paths:
     """The braking paths of a log's samples, each judged once."""
 
@@ -228,7 +187,6 @@ class _Paths:
         self._horizon = parameters.T
         # Prescribed joints go where they are sent.
         self._limited = np.isin(referee.joint_names, log.controlled_names)
-        self._moves = Moves(referee.plant)
         self._known: dict[int, Place] = {}
         self._smallest = math.inf
 
@@ -248,13 +206,13 @@ class _Paths:
         q, v = log.q[k], log.v[k]
         for _ in range(max(1, round(period / step))):
             v = v + step * log.desired_acceleration[k]
-            q = self._moves.step(q, v, step)
+            q = q + step * v
         return self._nearest(log.time[k] + period, q, v, bound)
 
     def count(self, k: int, bound: float, figures: PathFigures) -> Place:
         """Adds sample k's path to the figures."""
         place = self.place(k, bound)
-        rest = self._moves.along(self._log.q[k], self._horizon * self._log.v[k])
+        rest = self._log.q[k] + self._horizon * self._log.v[k]
         excess = np.where(self._limited, self._referee.limit_excess(rest), 0.0)
         figures.judged += 1
         figures.penetrating += place.distance < 0.0
@@ -274,7 +232,7 @@ class _Paths:
         found, pair = math.inf, None
         bound = max(bound, self._smallest)
         ahead = np.linspace(0.0, 1.0, PATH_POINTS) * self._horizon
-        for there in self._moves.along(q, np.outer(ahead, v)):
+        for there in q + np.outer(ahead, v):
             d, which = self._referee.nearest(there, min(bound, found))
             if d < found:
                 found, pair = d, which

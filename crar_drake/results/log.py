@@ -11,6 +11,7 @@ import numpy as np
 
 from crar_drake.errors import CrarError, MotionError
 from crar_drake.files import whole_file
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.motion.array_files import load_arrays, npz_names
 from crar_drake.results import LOG
 from crar_drake.robot.description import GROUND
@@ -115,6 +116,23 @@ class SimulationLog:
             return np.ones(len(ground), dtype=bool)
         return ~ground | (self.signed_distances < 0.0).any(axis=0)
 
+    @property
+    def layout(self) -> TaskLayout:
+        """The rows of the task errors."""
+        names, kinds = self.task_names.tolist(), self.task_kinds.tolist()
+        return TaskLayout(tuple(names), tuple(kinds))
+
+    @property
+    def torque_limited(self) -> np.ndarray:
+        """(T,) bool, whether effort limits took more than a tenth of the nominal step.
+        A plan asks for all that motors give, and loses a percent of it now and then."""
+        return self.torque_limit[:, 0] < _HELD_BACK
+
+    @property
+    def torque_clipped(self) -> np.ndarray:
+        """(T,) bool, whether a torque was clipped by more than rounding."""
+        return self.torque_limit[:, 1] > _NO_EXCESS
+
     def control_steps(self, period: float) -> np.ndarray:
         """The samples that are the first of their control step.
 
@@ -190,6 +208,11 @@ class SimulationLog:
 
 # Of a control period, that a sample may be beside its tick.
 _ROUNDING = 1e-6
+
+# Where limits leave less of the nominal step, they hold the robot back [1].
+_HELD_BACK = 0.9
+# A torque that is beyond its limit by less is not clipped but for rounding [1].
+_NO_EXCESS = 1e-4
 
 
 def is_log(path: Path) -> bool:

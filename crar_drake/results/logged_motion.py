@@ -1,10 +1,12 @@
-"""The motion of a run as a reference motion: from a log to a file of any layout."""
+"""The motion of a run as a reference motion: a file of any layout, its lowest point."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 
 from crar_drake.errors import MotionError
+from crar_drake.references.ground_contact import Outline
 from crar_drake.references.layouts import LAYOUTS, layout_named
 from crar_drake.references.motion_files import write_motion
 from crar_drake.references.resampling import resampled
@@ -12,6 +14,8 @@ from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import check_logged_robot
+
+_MOST_RATE = 100.0  # [Hz] of samples that are looked at for the lowest point
 
 # Samples of a log are evenly spaced but for this share of their period.
 _UNEVEN = 1e-3
@@ -88,3 +92,27 @@ def export_log(
         motion, _ = resampled(motion, rate)
     write_motion(path, motion, layout, robot)
     return motion
+
+
+def lowest_point(
+    log: SimulationLog, robot: WholeBody, start: float = 0.0
+) -> tuple[float, str, float]:
+    """Height over the floor z = 0 [m], link and time [s] of what was lowest in a run.
+
+    Args:
+        log: of a robot the root of which a motion moves.
+        start: what is before is left out, such as blending in [s].
+
+    Raises:
+        MotionError, CrarError: as of `motion_of_log`.
+    """
+    motion = motion_of_log(log, robot)
+    first = int(np.searchsorted(log.time, start - 1e-9))
+    first = min(first, motion.num_frames - 2)
+    every = max(1, int(np.ceil(motion.rate / _MOST_RATE - 1e-9)))
+    rows = slice(first, None, every)
+    seen = replace(motion.frames(rows), rate=motion.rate / every)
+    contact = Outline(robot).ground_contact(seen, floor=0.0)
+    low = int(contact.lowest.argmin())
+    time = float(log.time[rows][low])
+    return float(contact.lowest[low]), contact.lowest_links[low], time

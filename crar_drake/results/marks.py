@@ -7,7 +7,6 @@ import numpy as np
 
 from crar_drake.law.records import STATUS_BLENDING, STATUS_BRAKING
 from crar_drake.motion.planted_feet import runs
-from crar_drake.results.clipped_torque import clipped_samples, limited_samples
 from crar_drake.results.log import SimulationLog
 
 TARGET = "#8c45ff"  # violet, as in Meshcat: a target, and the error to it
@@ -72,7 +71,7 @@ def marked_spans(log: SimulationLog) -> dict[str, list[tuple[float, float]]]:
     marked = {
         "blending": status == STATUS_BLENDING,
         "braking": status >= STATUS_BRAKING,
-        "torque limited": limited_samples(log) | clipped_samples(log),
+        "torque limited": log.torque_limited | log.torque_clipped,
     }
     return {name: _spans(log.time, marked[name]) for name in SPANS}
 

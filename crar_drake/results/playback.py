@@ -27,7 +27,6 @@ from crar_drake.results.summary import (
     motion_name,
     robot_name,
     summarize,
-    task_layout,
 )
 from crar_drake.simulation.scenario import Scenario
 
@@ -131,7 +130,7 @@ def _record_run(
     known = np.isfinite(log.q).all(axis=1)
     if not known.any():
         raise CrarError("the log has no finite positions: there is nothing to draw")
-    layout = task_layout(log)
+    layout = log.layout
     time, rate = log.time - log.time[0], 1.0 / scenario.visualization.publish_period
     frames = np.arange(np.floor(time[-1] * rate + 1e-6) + 1.0) / rate
     # Where a simulation went to infinity, the last pose that can be drawn stays.
@@ -194,7 +193,7 @@ def _curves(log: SimulationLog) -> dict:
     Of each piece of time the smallest distance and the largest error are kept, so
     that no peak is lost.
     """
-    layout = task_layout(log)
+    layout = log.layout
     rows, unit = layout.linear_rows, "m"
     if not rows.size:
         rows, unit = layout.angular_rows, "rad"

@@ -12,7 +12,7 @@ from crar_drake.results import marks
 from crar_drake.results.controlled_joints import ControlledJoints, controlled_joints
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
-from crar_drake.results.summary import Summary, summarize, task_layout
+from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 
 # Pairs farther apart than this are of no interest [m].
@@ -58,7 +58,7 @@ def draw_run(log: SimulationLog) -> Figure:
     """
     scenario, summary = load_logged_scenario(log), summarize(log)
     joints = controlled_joints(log)
-    layout = task_layout(log)
+    layout = log.layout
     has = {
         "error": layout.linear_rows.size > 0,
         "orientation": layout.angular_rows.size > 0,

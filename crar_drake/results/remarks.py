@@ -8,8 +8,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from crar_drake.errors import few
 from crar_drake.results.controlled_joints import ControlledJoints
 from crar_drake.results.limb_directions import LimbDirection
+from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import FLOOR_TOLERANCE
 
 # No motor of a joint of a robot of human size gives more [Nm]: the strongest ones
@@ -33,6 +35,15 @@ MOST_AT_LIMIT = 0.1
 MOST_MEDIAN_ANGLE = np.pi / 6.0
 MOST_ANGLE = np.pi / 2.0
 
+# Who is farther from a target than this all the time does not follow it.
+_FAR = 0.1  # [m]
+_TURNED = 0.5  # [rad]
+_LEAST_TIME = 1.0  # [s] that is looked at, at least
+
+# A torque of this share of its limit is at it [1]; so many motors are named.
+_MOTOR_AT_LIMIT = 0.999
+_MOST_MOTORS = 2
+
 
 def remarks(
     joints: ControlledJoints,
@@ -50,7 +61,7 @@ def remarks(
         lowest: height over the floor [m], link and time [s] of what was lowest; None
             of a robot that does not stand on a floor.
         implausible: times of samples with a measured state that no robot has [s].
-        clipped: `clipped_torque.clipped_line`.
+        clipped: `clipped_line`.
         for_balance: share of the samples that balance changed.
     """
     return [
@@ -72,6 +83,62 @@ def remarks(
         *_of_the_floor(lowest),
         *_of_limbs(limb_directions),
     ]
+
+
+def lasting_error_warnings(log: SimulationLog, start: float) -> list[str]:
+    """One line for each task whose error never falls below what following is.
+
+    Args:
+        start: what is before is left out: the targets are blended in [s].
+    """
+    rows = (log.time >= log.time[0] + start) & np.isfinite(log.task_error).all(axis=1)
+    times = log.time[rows]
+    if not len(times) or times[-1] - times[0] < _LEAST_TIME:
+        return []
+    layout, errors = log.layout, log.task_error[rows]
+    kinds = (
+        (layout.linear_tasks, layout.linear_rows, _FAR, 1e3, "mm"),
+        (layout.angular_tasks, layout.angular_rows, _TURNED, 180.0 / np.pi, "deg"),
+    )
+    found = []
+    for tasks, columns, most, scale, unit in kinds:
+        for task, of_task in zip(tasks, columns, strict=True):
+            least = float(np.linalg.norm(errors[:, of_task], axis=1).min())
+            if least > most:
+                found.append(
+                    f"{layout.names[task]} is never nearer to its target than "
+                    f"{scale * least:.0f} {unit}: it may be the wrong point of the "
+                    "robot, or the target is out of its reach"
+                )
+    return found
+
+
+def clipped_line(log: SimulationLog) -> str:
+    """Says in how many samples of a log torques were clipped, since when, and of which
+    motors; "" if none was.
+
+    The theorem of `docs/theory/theorem.md` assumes that the plant does what is
+    commanded. Where not even braking is within the effort limits, torques are clipped,
+    and it does not.
+    """
+    clipped = log.torque_clipped
+    if not clipped.any():
+        return ""
+    at_limit = np.abs(log.actuation[clipped]) >= _MOTOR_AT_LIMIT * log.effort_limits
+    often = at_limit.sum(axis=0)
+    motors = [
+        f"{log.actuator_names[i]} ({log.effort_limits[i]:g})"
+        for i in np.argsort(-often, kind="stable")
+        if often[i]
+    ]
+    of = f" of {few(motors, _MOST_MOTORS)}" if motors else ""
+    return (
+        f"torques were clipped in {np.count_nonzero(clipped)} samples, the first at "
+        f"{log.time[clipped][0]:.3f} s: not even braking was within the effort limits"
+        f"{of}. The robot did not do there what was commanded, and from then on "
+        "nothing is proved of it; are these the limits of the real motors, and has it "
+        "springs that the model has not?"
+    )
 
 
 def _of_implausible_states(times: Sequence[float]) -> list[str]:

@@ -13,16 +13,11 @@ from crar_drake.law.records import STATUS_BRAKING, STATUS_IMPLAUSIBLE
 from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED
 from crar_drake.law.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport
-from crar_drake.results.clipped_torque import (
-    clipped_line,
-    clipped_samples,
-    limited_samples,
-)
 from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.limb_directions import LimbDirection
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
-from crar_drake.results.remarks import remarks
+from crar_drake.results.remarks import clipped_line, remarks
 from crar_drake.results.standing_run import Stance
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 from crar_drake.version import __version__
@@ -117,7 +112,7 @@ class Summary:
     # arm]; None without such steps
     smallest_balance: float | None
     # samples where the effort limits took more than a tenth of what was nominal, see
-    # `limited_samples`; 0 unless they are respected
+    # `SimulationLog`; 0 unless they are respected
     torque_limited_samples: int
     # those among them where not even braking was within the limits, so that torques
     # were clipped, by more than rounding
@@ -192,11 +187,6 @@ def robot_name(robot: str) -> str:
     return (path.parent if path.suffix in (".yaml", ".yml") else path).name or robot
 
 
-def task_layout(log: SimulationLog) -> TaskLayout:
-    """The rows of a log's task errors."""
-    return TaskLayout(tuple(log.task_names.tolist()), tuple(log.task_kinds.tolist()))
-
-
 def summarize(
     log: SimulationLog,
     wall_time: float | None = None,
@@ -224,7 +214,7 @@ def summarize(
         ScenarioError: the scenario in the log is not one of this version.
     """
     scenario = load_logged_scenario(log)
-    layout = task_layout(log)
+    layout = log.layout
     joints = controlled_joints(log)
     duration = float(log.time[-1] - log.time[0])
 
@@ -283,8 +273,8 @@ def summarize(
         rms_acceleration=float(np.sqrt(np.mean(joints.acceleration**2))),
         **_admission(log, scenario.controller.period),
         **_balance(log, scenario.controller.period),
-        torque_limited_samples=int(np.count_nonzero(limited_samples(log))),
-        torque_clipped_samples=int(np.count_nonzero(clipped_samples(log))),
+        torque_limited_samples=int(np.count_nonzero(log.torque_limited)),
+        torque_clipped_samples=int(np.count_nonzero(log.torque_clipped)),
         braking_samples=int(np.count_nonzero(log.status == STATUS_BRAKING)),
         implausible_samples=int(np.count_nonzero(log.status == STATUS_IMPLAUSIBLE)),
         frame_rate=motion.performer.frame_rate if motion else None,
@@ -304,7 +294,7 @@ def summarize(
     )
     # Where balance had its say afterwards, motors alone are not the reason.
     for_balance = _for_balance(log)
-    limited = limited_samples(log) & ~for_balance
+    limited = log.torque_limited & ~for_balance
     implausible = log.time[log.status[:, 0] == STATUS_IMPLAUSIBLE]
     found = remarks(
         joints,

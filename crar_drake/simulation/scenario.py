@@ -10,7 +10,7 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_dump_typed
+from pydrake.common.yaml import yaml_dump, yaml_dump_typed, yaml_load_data
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
@@ -263,8 +263,15 @@ class Scenario:
         return period * max(1, math.ceil(duration / period / MAX_LOG_SAMPLES))
 
     def to_yaml(self) -> str:
-        """The scenario as YAML text, every field written out."""
-        return yaml_dump_typed(self)
+        """The scenario as YAML text, every field written out but settings of Drake's
+        that are as by default: another Drake has others."""
+        text = yaml_load_data(yaml_dump_typed(self))
+        changed = yaml_load_data(yaml_dump_typed(self, defaults=Scenario()))
+        for name in ("plant_config", "simulator_config", "visualization"):
+            del text[name]
+            if name in changed:
+                text[name] = changed[name]
+        return yaml_dump(text)
 
 
 def check_multiple(name: str, period: float, time_step: float) -> None:
@@ -332,9 +339,6 @@ def _is_robot(folder: Path) -> bool:
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     """Parses and validates a scenario's YAML text.
 
-    A setting of another Drake's that says what this one does anyway is left out: a
-    log may come from there.
-
     Raises:
         ScenarioError: as `load_scenario`.
     """
@@ -345,7 +349,6 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         ScenarioError,
         manual="diagrams/README.md",
         defaults=Scenario(),
-        of_others=settings_of_others(),
         kinds={"controller": ("constraints", CONSTRAINTS)},
     )
     try:
@@ -353,27 +356,3 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     except ScenarioError as error:
         raise ScenarioError(f"{source}: {error}") from error
     return scenario
-
-
-# Drake's configuration and a setting that only some versions have, with what the others
-# do instead. A scenario in a log has every setting of the Drake that wrote it.
-_SETTINGS_OF_SOME = {
-    # 1.51
-    ("simulator_config", "publish_every_time_step"): (SimulatorConfig, False),
-    # 1.58
-    ("visualization", "mouse_interaction_stiffness"): (VisualizationConfig, 100.0),
-}
-
-
-def settings_of_others() -> dict[tuple[str, str], bool | float]:
-    """Settings of a scenario that the Drake which is installed does not have.
-
-    Returns:
-        The way to each, its two keys, to what this Drake does anyway. A scenario that
-        asks for that can be read without the setting.
-    """
-    return {
-        way: usual
-        for way, (config, usual) in _SETTINGS_OF_SOME.items()
-        if way[1] not in {field.name for field in config().__fields__}
-    }

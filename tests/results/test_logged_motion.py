@@ -14,9 +14,9 @@ from crar_drake.references.whole_body import WholeBody
 from crar_drake.results.logged_motion import (
     export_log,
     export_target,
+    lowest_point,
     motion_of_log,
 )
-from crar_drake.results.lowest_point import lowest_point
 from crar_drake.robot.joints import names_by_joint
 
 RATE = 200.0

@@ -1,12 +1,18 @@
 """What is called bad about a run: on both sides of every threshold."""
 
+import re
+import shutil
+
 import numpy as np
 import pytest
 from small_logs import small_log
 
+from crar_drake.commands import main
+from crar_drake.resources import data_folder
 from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.limb_directions import LimbDirection
-from crar_drake.results.remarks import remarks
+from crar_drake.results.log import SimulationLog
+from crar_drake.results.remarks import clipped_line, lasting_error_warnings, remarks
 from crar_drake.results.summary import summarize
 
 
@@ -79,3 +85,85 @@ def test_of_many_the_first_two_are_told():
     limbs = {f"limb_{i}": LimbDirection(1.0, 1.0, True) for i in range(5)}
     lines = found(limbs=limbs).splitlines()
     assert len(lines) == 2 and lines[1].endswith("; and 3 more so")
+
+
+# --- targets that are never reached --------------------------------------------------
+
+
+def errors(hand: float, turned: float, shift: np.ndarray | None = None):
+    """Three samples, 1 s; the hand's distance [m] and the tool's angle [rad]."""
+    error = np.zeros((3, 9))
+    error[:, 1], error[:, 4] = hand, turned
+    if shift is not None:
+        error[:, 1] += shift
+    return small_log(task_error=error)
+
+
+def test_a_hand_that_stays_away_and_a_tool_that_stays_turned():
+    lines = lasting_error_warnings(errors(0.12, 0.6), 0.0)
+    assert [line.partition(" is never ")[0] for line in lines] == ["hand", "tool"]
+    assert "than 120 mm:" in lines[0] and "than 34 deg:" in lines[1]
+
+
+@pytest.mark.parametrize("shift", [[0.0, -0.05, 0.0], [np.nan, 0.0, -0.05]])
+def test_once_near_is_near(shift):
+    """Samples without targets say nothing, and what is short says nothing."""
+    assert lasting_error_warnings(errors(0.12, 0.4, np.array(shift)), 0.0) == []
+    assert lasting_error_warnings(errors(0.12, 0.6), 0.5) == []
+
+
+def test_what_is_blended_in_does_not_count():
+    """Near at the start only, where targets are blended in from where it stands."""
+    far = small_log(
+        time=np.arange(3) * 1.0,
+        task_error=errors(0.2, 0.0, np.array([-0.2, 0, 0])).task_error,
+    )
+    assert lasting_error_warnings(far, 0.0) == []
+    assert "never nearer" in lasting_error_warnings(far, 0.5)[0]
+
+
+# --- motors that cannot even brake ---------------------------------------------------
+
+
+# Of the shoulder [Nm]; it needs more than that to hold the arm stretched out.
+WEAK = 6.0
+
+
+def test_the_first_sample_and_the_motors_at_their_limits_are_named():
+    rounding, some = [1.0, 5e-5], [0.4, 0.3]
+    log = small_log(
+        torque_limit=np.array([rounding, some, some]),
+        actuation=np.array([[10.0, 0.0, 0.0], [9.0, 0.0, -40.0], [10.0, 0.0, 40.0]]),
+    )
+    line = clipped_line(log)
+    assert "clipped in 2 samples, the first at 0.500 s" in line
+    assert "limits of swing (40), turn (10). " in line
+    assert clipped_line(small_log(torque_limit=np.array([rounding] * 3))) == ""
+
+
+def test_an_arm_too_weak_for_its_weight_falls_and_it_is_said_why(
+    tmp_path, monkeypatch, capsys
+):
+    arm = tmp_path / "arm"
+    shutil.copytree(data_folder("models") / "obstacle_arm", arm)
+    urdf = arm / "obstacle_arm.urdf"
+    text = urdf.read_text()
+    strong = 'effort="200"'  # joint2's
+    assert text.count(strong) == 1
+    urdf.write_text(text.replace(strong, f'effort="{WEAK}"'))
+    monkeypatch.chdir(tmp_path)
+    given = ["--constraints", "lookahead", "--duration", "1.5", "--no-recording"]
+    main(["run", "obstacle_arm", "--robot", str(arm), *given, "--out", "fell"])
+    said = capsys.readouterr().out
+    log = SimulationLog.load("fell/log.npz")
+    share = log.torque_limit[:, 1].max()
+    assert share > 0.1, share
+    first = log.time[log.torque_limit[:, 1] > 1e-4][0]
+    told = f"the first at {first:.3f} s: not even braking"
+    assert re.search(f"^BAD: torques were clipped.*{re.escape(told)}", said, re.M)
+    assert f"joint2 ({WEAK:g})" in said
+    main(["judge", "fell/log.npz"])
+    judged = capsys.readouterr().out
+    assert re.search(
+        f"^assumption broken: torques were clipped.*{re.escape(told)}", judged, re.M
+    )

@@ -246,7 +246,7 @@ def check_size(scenario: Scenario, setup: Setup, duration: float, record: bool) 
         least = frame_period * math.ceil(2.0 * recording / _MEMORY_LIMIT)
         changes.append(
             f"a visualization.publish_period of at least {least:g} s (it is "
-            f"{frame_period:g} s) or no recording (--no-recording)"
+            f"{frame_period:g} s) or no recording (--no-page)"
         )
     raise ScenarioError(
         f"duration: a run of {duration:g} s would take about "

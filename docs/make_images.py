@@ -18,8 +18,8 @@ The first page's picture, a G1 before and after `crar-drake clean`, is made by
 
 and that of the built-in robot, without and with constraints, by
 
-    crar-drake run --no-recording --constraints none --out out/none
-    crar-drake run --no-recording --out out/lookahead
+    crar-drake run --no-page --set controller.constraints=none --out out/none
+    crar-drake run --no-page --out out/lookahead
     crar-drake show out/none out/lookahead
     python docs/make_images.py out/compare.html
 """

@@ -167,7 +167,7 @@ def test_a_command_tells_them_once(
         "keyframes: {tool: [{time: 0}, {time: 1}]}\nduration: 0.01\n"
     )
     options = ["--verbose"] if verbose else []
-    status = main(["run", str(scenario), "--no-recording", *options])
+    status = main(["run", str(scenario), "--no-page", *options])
     text = capfd.readouterr().err
     assert status == 0, text
     if verbose:

@@ -26,7 +26,7 @@ from crar_drake.simulation.scenario import Scenario, load_scenario
 
 FILES = ["log.npz", "plot.png", "recording.html", "summary.json"]
 RUN = "run dance_wrists --duration 0.2 --out it".split()
-WITHOUT_PAGE = [*RUN, "--no-recording"]  # takes half as long
+WITHOUT_PAGE = [*RUN, "--no-page"]  # takes half as long
 WAIT = 120.0  # [s] longer than any process here needs
 
 

@@ -160,7 +160,7 @@ def _what_next(folder: Path) -> str:
                 "moved by nothing"
             )
         return f"crar-drake retarget dance --robot {robot} --out dance.csv"
-    return f"crar-drake run --robot {robot} --motion dance --experiment upper-body"
+    return f"crar-drake run --robot {robot} --motion dance --tasks upper-body"
 
 
 def _groups_to_lock(arguments: argparse.Namespace) -> tuple[str, ...] | None:

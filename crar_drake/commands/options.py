@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -15,27 +16,13 @@ if TYPE_CHECKING:
 
 DEFAULT_SCENARIO = "dance"
 
-# The same as in crar_drake.robot.task and crar_drake.law.parameters, which take
-# long to import; a test compares them.
+# As in crar_drake.robot.task, which takes long to import; a test compares them.
 EXPERIMENTS = ("wrists", "upper-body")
-LEVELS = ("velocity", "acceleration")
-CONSTRAINTS = ("none", "paper", "lookahead")
 
-# What several commands say of the same options.
+# What several commands say of a motion.
 MOTION_HELP = (
     "a built-in one (dance), a CMU recording (cmu:05_02), or a file: .amc, .bvh, .c3d, "
     ".trc, .mvnx, .npz, .npy, .csv, .pkl"
-)
-EXPERIMENT_HELP = (
-    "which points follow the motion: two wrists, or seven of the upper body"
-)
-LEVEL_HELP = (
-    "how accelerations are computed: velocity (as the change of wanted velocities) or "
-    "acceleration (directly)"
-)
-CONSTRAINTS_HELP = (
-    "what keeps the robot from collisions and joint limits: none (nothing), paper (as "
-    "in the paper), lookahead (acts where the robot would come to rest)"
 )
 
 
@@ -92,9 +79,23 @@ def add_what_runs(parser: Parser, run: Callable[[argparse.Namespace], None]) -> 
     )
 
 
+def add_robot_and_tasks(parser: Parser) -> None:
+    """Adds --robot and --tasks, in the place of a scenario's."""
+    parser.add_argument(
+        "--robot",
+        metavar="ROBOT",
+        help="name or folder of a robot instead of the scenario's",
+    )
+    parser.add_argument(
+        "--tasks",
+        choices=EXPERIMENTS,
+        help="which points follow the motion: two wrists, or seven of the upper body",
+    )
+
+
 def add_scenario(parser: Parser) -> None:
-    """Adds what is simulated: a scenario, and --robot, --motion and --experiment in the
-    place of what it says."""
+    """Adds what is simulated: a scenario, and options in the place of what it says, see
+    `changed_scenario`."""
     parser.add_argument(
         "scenario",
         nargs="?",
@@ -102,26 +103,20 @@ def add_scenario(parser: Parser) -> None:
         help="a YAML file that says what to simulate, or the name of a shipped one, "
         "see `crar-drake show` (default: %(default)s)",
     )
-    parser.add_argument(
-        "--robot",
-        metavar="ROBOT",
-        help="name or folder of a robot instead of the scenario's",
-    )
+    add_robot_and_tasks(parser)
     parser.add_argument(
         "--motion",
         metavar="MOTION",
         help=f"follow this motion instead of the scenario's: {MOTION_HELP}",
     )
-    parser.add_argument("--experiment", choices=EXPERIMENTS, help=EXPERIMENT_HELP)
-
-
-def add_skeleton(parser: Parser) -> None:
-    """Adds --skeleton, of a motion."""
     parser.add_argument(
-        "--skeleton",
-        metavar="FILE",
-        help="the motion's skeleton (.asf), if it is not beside the motion; of a "
-        "motion of SMPL-H or SMPL-X the model's own NPZ",
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change anything else of the scenario, once for each: "
+        "controller.constraints=paper (or none: what keeps the robot from collisions "
+        "and joint limits), controller.period=0.002; diagrams/README.md has the keys",
     )
 
 
@@ -136,8 +131,15 @@ def add_frame_rate(parser: Parser) -> None:
     )
 
 
-def add_file_options(parser: Parser) -> None:
-    """Adds what is inferred of motion files of most formats, and may be wrong."""
+def add_motion_options(parser: Parser) -> None:
+    """Adds what is inferred of a person's motion, and may be wrong: `FILE_OPTIONS`."""
+    parser.add_argument(
+        "--skeleton",
+        metavar="FILE",
+        help="the motion's skeleton (.asf), if it is not beside the motion; of a "
+        "motion of SMPL-H or SMPL-X the model's own NPZ",
+    )
+    add_frame_rate(parser)
     parser.add_argument(
         "--unit",
         metavar="UNIT",
@@ -277,16 +279,15 @@ def chosen_scenario(name: str) -> Scenario:
     return load_scenario(name)
 
 
-def override_motion(scenario: Scenario, arguments: argparse.Namespace) -> None:
-    """Puts --robot, --motion and --experiment in the place of what the scenario says.
+def changed_scenario(scenario: Scenario, arguments: argparse.Namespace) -> Scenario:
+    """The scenario with what the options of `add_scenario` say in the place of its own.
 
     Args:
-        scenario: to be changed; `validate` is left to the caller.
-        arguments: with `scenario`, `robot`, `motion` and `experiment`, None where not
-            given.
+        scenario: is changed, too.
 
     Raises:
-        ScenarioError: the scenario has no motion, or no experiment, to be replaced.
+        ScenarioError: it has no motion or no experiment to be replaced, or a setting
+            is none of a scenario.
     """
     if arguments.motion is not None:
         if scenario.keyframes:
@@ -298,12 +299,44 @@ def override_motion(scenario: Scenario, arguments: argparse.Namespace) -> None:
         scenario.motion = arguments.motion
         for name in FILE_OPTIONS:
             setattr(scenario, name, None if name == "frame_rate" else "")
-    if arguments.experiment is not None:
+    if arguments.tasks is not None:
         if scenario.tasks:
             raise ScenarioError(
-                f"--experiment: {arguments.scenario} lists tasks of its own; take a "
+                f"--tasks: {arguments.scenario} lists tasks of its own; take a "
                 "scenario with an experiment, or change the file"
             )
-        scenario.experiment = arguments.experiment
+        scenario.experiment = arguments.tasks
     if arguments.robot is not None:
         scenario.robot = arguments.robot
+    for setting in arguments.set:
+        scenario = _with_setting(scenario, setting)
+    return scenario
+
+
+def _with_setting(scenario: Scenario, setting: str) -> Scenario:
+    """The scenario with one of its keys set, as in controller.margin=0.01."""
+    import yaml
+
+    from crar_drake.law.parameters import CONSTRAINTS, with_constraints
+    from crar_drake.simulation.scenario import parse_scenario
+
+    key, equals, text = setting.partition("=")
+    if not (key and equals):
+        raise UsageError(f"--set {setting}: write KEY=VALUE, as in duration=2")
+    if key == "controller.constraints" and text in CONSTRAINTS:
+        scenario.controller = with_constraints(scenario.controller, text)
+        return scenario
+    *way, last = key.split(".")
+    try:
+        whole = yaml.safe_load(scenario.to_yaml())
+        holder = whole
+        for name in way:
+            holder[name] = holder.get(name) or {}
+            holder = holder[name]
+        holder[last] = yaml.safe_load(text)
+    except (yaml.YAMLError, AttributeError) as error:  # a list has no keys
+        raise ScenarioError(f"--set {setting}: no such key, or no value") from error
+    try:
+        return parse_scenario(yaml.safe_dump(whole), f"--set {setting}")
+    except ScenarioError as error:  # whose lines are of no file
+        raise ScenarioError(re.sub(r" \(line \d+\)", "", str(error))) from error

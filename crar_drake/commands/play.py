@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.commands.options import (
-    CONSTRAINTS,
     add_command,
     add_scenario,
     add_served,
+    changed_scenario,
     chosen_scenario,
-    override_motion,
     positive,
 )
 from crar_drake.commands.output import OUT, label, tell_failure, tell_run
@@ -34,24 +33,11 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "play",
         run,
         "Simulate a scenario live in a browser: drag targets and push the robot while "
-        "it moves. Ctrl-C ends it and keeps a recording.",
+        "it moves. Ctrl-C ends it and keeps a recording. Constraints are lookahead and "
+        f"the control period is {1e3 * _PERIOD:g} ms, whatever the scenario says, "
+        "unless --set says otherwise.",
     )
     add_scenario(parser)
-    parser.add_argument(
-        "--constraints",
-        choices=CONSTRAINTS,
-        default="lookahead",
-        help="instead of the scenario's (default: %(default)s); with the others "
-        "nothing is guaranteed",
-    )
-    parser.add_argument(
-        "--period",
-        type=positive,
-        default=_PERIOD,
-        metavar="S",
-        help="control period instead of the scenario's: a longer one asks less of the "
-        "computer (default: %(default)g)",
-    )
     parser.add_argument(
         "--speed",
         type=positive,
@@ -63,9 +49,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--no-browser", action="store_true", help="print the URL, open no browser"
     )
     parser.add_argument(
-        "--save",
+        "--out",
         type=Path,
-        metavar="FOLDER",
+        metavar="DIR",
         help="folder for recording.html, log.npz, summary.json and plot.png "
         "(default: out/NAME_play)",
     )
@@ -74,10 +60,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
-    scenario = chosen_scenario(arguments.scenario)
-    _override(scenario, arguments)
+    scenario = _scenario(arguments)
     name = label(arguments.scenario)
-    out = arguments.save or OUT / name.with_name(f"{name.name}_play")
+    out = arguments.out or OUT / name.with_name(f"{name.name}_play")
 
     from crar_drake.files import check_file
     from crar_drake.interrupts import held_interrupts
@@ -120,13 +105,16 @@ def _close(session: PlaySession, error: BaseException | None = None) -> None:
     os._exit(code)
 
 
-def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
+def _scenario(arguments: argparse.Namespace) -> Scenario:
+    """What is simulated, by the scenario and the options."""
     from crar_drake.law.parameters import with_constraints
 
-    override_motion(scenario, arguments)
-    scenario.controller = with_constraints(scenario.controller, arguments.constraints)
-    scenario.controller.period = arguments.period
+    scenario = chosen_scenario(arguments.scenario)
+    scenario.controller = with_constraints(scenario.controller, "lookahead")
+    scenario.controller.period = _PERIOD
+    scenario = changed_scenario(scenario, arguments)
     scenario.validate()
+    return scenario
 
 
 def _open(url: str) -> None:

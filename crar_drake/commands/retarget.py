@@ -15,9 +15,7 @@ from crar_drake.commands.options import (
     MOTION_HELP,
     UsageError,
     add_command,
-    add_file_options,
-    add_frame_rate,
-    add_skeleton,
+    add_motion_options,
     add_whole_body,
     positive,
     share,
@@ -80,9 +78,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "as limbs=30deg (default: 45deg); a motion with limbs that are farther off is "
         "written, too, but violates this",
     )
-    add_skeleton(parser)
-    add_frame_rate(parser)
-    add_file_options(parser)
+    add_motion_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,18 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.commands.options import (
-    CONSTRAINTS,
-    CONSTRAINTS_HELP,
     FILE_OPTIONS,
-    LEVEL_HELP,
-    LEVELS,
     add_command,
-    add_file_options,
-    add_frame_rate,
+    add_motion_options,
     add_scenario,
-    add_skeleton,
+    changed_scenario,
     chosen_scenario,
-    override_motion,
     positive,
 )
 from crar_drake.commands.output import (
@@ -52,11 +47,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "line is OK, or VIOLATED and what, and the exit code then 1.",
     )
     add_scenario(parser)
-    add_skeleton(parser)
-    add_frame_rate(parser)
-    add_file_options(parser)
-    parser.add_argument("--level", choices=LEVELS, help=LEVEL_HELP)
-    parser.add_argument("--constraints", choices=CONSTRAINTS, help=CONSTRAINTS_HELP)
+    add_motion_options(parser)
     parser.add_argument(
         "--duration",
         type=positive,
@@ -71,7 +62,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "(default: out/NAME, where NAME says what was run)",
     )
     parser.add_argument(
-        "--no-recording", action="store_true", help="do not make recording.html"
+        "--no-page", action="store_true", help="do not make recording.html"
     )
     parser.add_argument(
         "--export",
@@ -93,8 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         The exit code: 1 if a sample penetrates or is beyond a limit, else 0.
     """
-    scenario = chosen_scenario(arguments.scenario)
-    _override(scenario, arguments)
+    scenario = _scenario(arguments)
     out = arguments.out or OUT / _out_name(scenario, arguments)
     export = _export_target(arguments, out)
 
@@ -109,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
             result = run_scenario(
                 scenario,
                 out,
-                record=not arguments.no_recording,
+                record=not arguments.no_page,
                 progress=progress,
                 tell=lambda line: print(line, file=sys.stderr),
             )
@@ -181,9 +171,9 @@ def _export_target(arguments: argparse.Namespace, out: Path) -> tuple[str, Path]
     return layout, path
 
 
-def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
-    """Puts the options in the place of what the scenario says."""
-    override_motion(scenario, arguments)
+def _scenario(arguments: argparse.Namespace) -> Scenario:
+    """What is simulated, by the scenario and the options."""
+    scenario = changed_scenario(chosen_scenario(arguments.scenario), arguments)
     for name in FILE_OPTIONS:
         value = getattr(arguments, name)
         if value is None:
@@ -193,22 +183,10 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
                 f"--{name}: {arguments.scenario} follows keyframes, not a motion"
             )
         setattr(scenario, name, value)
-    from crar_drake.law.parameters import with_constraints
-
-    if arguments.constraints is not None:
-        scenario.controller = with_constraints(
-            scenario.controller, arguments.constraints
-        )
-    if arguments.level not in (None, scenario.controller.level):
-        if scenario.controller.constraints == "lookahead":
-            raise ScenarioError(
-                f"--level {arguments.level}: the lookahead chooses accelerations; take "
-                "it with --constraints paper or none"
-            )
-        scenario.controller.level = arguments.level
     if arguments.duration is not None:
         scenario.duration = arguments.duration
     scenario.validate()
+    return scenario
 
 
 def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> Path:
@@ -227,8 +205,9 @@ def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> Path:
     robot = Path(scenario.robot)  # a name, or a robot.yaml in its folder
     robot_name = robot.parent.name if robot.suffix else robot.name
     another = scenario.robot != type(scenario)().robot
-    parts = [name.name, arguments.level, arguments.constraints]
-    if arguments.motion or (scenario.experiment and arguments.experiment):
+    settings = [setting.partition("=")[2] for setting in arguments.set]
+    parts = [name.name, *(re.sub(r"[^\w.-]+", "_", each) for each in settings)]
+    if arguments.motion or (scenario.experiment and arguments.tasks):
         motion = label(scenario.motion)
         parts[:1] = [motion.name, scenario.experiment]
         own = not shipped or not scenario.experiment

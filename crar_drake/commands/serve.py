@@ -11,9 +11,8 @@ from pathlib import Path
 
 from crar_drake.addresses import in_words
 from crar_drake.commands.options import (
-    EXPERIMENT_HELP,
-    EXPERIMENTS,
     add_command,
+    add_robot_and_tasks,
     add_served,
     positive,
 )
@@ -43,10 +42,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="a scenario whose robot, tasks and gains count; its motion is not used, "
         "and the constraints are always lookahead (default: %(default)s)",
     )
-    parser.add_argument(
-        "--robot", metavar="ROBOT", help="another robot than the scenario's"
-    )
-    parser.add_argument("--experiment", choices=EXPERIMENTS, help=EXPERIMENT_HELP)
+    add_robot_and_tasks(parser)
     parser.add_argument(
         "--joints",
         action="store_true",
@@ -109,7 +105,7 @@ def run(arguments: argparse.Namespace) -> None:
             latency=arguments.latency,
             tracking_error=arguments.tracking_error,
             robot=arguments.robot or "",
-            experiment=arguments.experiment or "",
+            experiment=arguments.tasks or "",
             joints=arguments.joints,
             rate=arguments.rate,
             gate=Gate(

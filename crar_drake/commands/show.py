@@ -8,10 +8,8 @@ from crar_drake.commands.options import (
     MOTION_HELP,
     UsageError,
     add_command,
-    add_file_options,
-    add_frame_rate,
+    add_motion_options,
     add_reference_options,
-    add_skeleton,
 )
 from crar_drake.commands.output import OUT, label, tell_drawn
 from crar_drake.errors import printable
@@ -49,10 +47,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help=f"a motion: {MOTION_HELP}; or the log.npz of a run, or its folder",
     )
     add_reference_options(parser, "; or of a log's, if it is not where it was")
-    add_frame_rate(parser)
     group = parser.add_argument_group("of a motion")
-    add_skeleton(group)
-    add_file_options(group)
+    add_motion_options(group)
     group.add_argument(
         "--plot",
         type=Path,

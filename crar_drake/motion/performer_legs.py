@@ -36,7 +36,7 @@ def smooth_legs(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
     if missing:
         raise MotionError(
             f"motion {performer.name}: it has no {', '.join(missing)}, and so no feet "
-            "to follow; name them in --joints FILE (crar-drake run --experiment "
+            "to follow; name them in --joints FILE (crar-drake run --tasks "
             "upper-body needs none)"
         )
     try:

@@ -63,7 +63,7 @@ def make_server(
     try:
         if joints and experiment:
             raise ScenarioError(
-                f"--experiment {experiment}: of --joints the joints are all targets"
+                f"--tasks {experiment}: of --joints the joints are all targets"
             )
         loaded = load_scenario(scenario)
         loaded.robot = robot or loaded.robot

@@ -115,11 +115,7 @@ COMMANDS = {
 
 # Neutral name to the option, where it is not --name; with the command before it, where
 # the same thing is called differently.
-OPTIONS: dict[str, str] = {
-    "tasks": "--experiment",
-    "simulate no_page": "--no-recording",
-    "play out": "--save",
-}
+OPTIONS: dict[str, str] = {}
 
 # Exit codes.
 FINE, VIOLATED, REFUSED = 0, 1, 2
@@ -496,7 +492,7 @@ class Rule:
     elsewhere: str = ""  # the test that does what it does, or why it is parsed only
 
 
-_SHORT = ("--duration", "0.05", "--no-recording")
+_SHORT = ("--duration", "0.05", "--no-page")
 # The first whose beginning fits; a command without any fails its test.
 PAGE_RULES = [
     Rule(f"{PROGRAM} COMMAND --help", elsewhere="test_every_commands_help"),

@@ -239,7 +239,7 @@ def test_a_command_works(
     code = next((code for said, code in codes if said in command.remark), product.FINE)
     assert done.code == code, done
     for name in re.findall(r"\b[\w/]+\.(?:html|png|npz|csv)\b", command.remark):
-        if "--no-recording" not in rule(command).more:
+        if "--no-page" not in rule(command).more:
             assert list(tmp_path.glob(f"**/{Path(name).name}")), name
 
 

@@ -31,8 +31,8 @@ def refused(capsys, *argv: str) -> str:
 
 def test_run_takes_a_robot_a_motion_and_an_experiment(empty_folder, capsys):
     shutil.copytree(data_folder("models") / "upper_body", empty_folder / "mine")
-    argv = ["run", "--robot", "mine", "--motion", "boxing", "--experiment", "wrists"]
-    assert main([*argv, "--duration", "0.05", "--no-recording"]) == 0
+    argv = ["run", "--robot", "mine", "--motion", "boxing", "--tasks", "wrists"]
+    assert main([*argv, "--duration", "0.05", "--no-page"]) == 0
     log = SimulationLog.load("out/mine_boxing_wrists/log.npz")
     scenario = parse_scenario(log.scenario)
     assert Path(scenario.robot) == empty_folder / "mine"
@@ -43,7 +43,7 @@ def test_run_takes_a_robot_a_motion_and_an_experiment(empty_folder, capsys):
 def test_a_robot_alone_names_its_folder(empty_folder, capsys):
     shutil.copytree(data_folder("models") / "upper_body", empty_folder / "mine")
     argv = ["run", "dance_wrists", "--robot", "mine", "--duration", "0.05"]
-    assert main([*argv, "--no-recording"]) == 0
+    assert main([*argv, "--no-page"]) == 0
     assert (empty_folder / "out/mine_dance_wrists/log.npz").is_file()
 
 

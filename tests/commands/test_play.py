@@ -76,7 +76,7 @@ def test_a_session_in_a_browser(tmp_path):
     """All that a person does, until Ctrl-C, and what is left of it."""
     process = subprocess.Popen(
         [sys.executable, "-m", "crar_drake", "play", "dance_wrists", "--no-browser"]
-        + ["--port", "0", "--save", "kept"],
+        + ["--port", "0", "--out", "kept"],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -172,7 +172,7 @@ def judge(log: SimulationLog) -> None:
             "HTTP at 999.1.1.1:7680: .*; --host must",
         ),
         (["--host", "192.0.2.1"], "--host must be an address of this computer"),
-        (["--experiment", "whole-body"], "'whole-body' is unknown"),
+        (["--tasks", "whole-body"], "'whole-body' is unknown"),
     ],
 )
 def test_what_cannot_be_played(capsys, arguments, why):
@@ -189,5 +189,5 @@ def test_a_port_in_use(capsys):
 
 def test_a_folder_that_is_a_file(tmp_path: Path, capsys):
     (tmp_path / "file").write_text("")
-    assert main(["play", "--no-browser", "--save", str(tmp_path / "file")]) == 2
+    assert main(["play", "--no-browser", "--out", str(tmp_path / "file")]) == 2
     assert "file" in capsys.readouterr().err

@@ -43,7 +43,7 @@ def test_an_empty_message_to_meshcat_loses_nothing(tmp_path):
     destructor then waits for ever."""
     process = subprocess.Popen(
         [sys.executable, "-m", "crar_drake", "play", "obstacle_arm", "--no-browser"]
-        + ["--port", "0", "--duration", "2", "--save", "kept"],
+        + ["--port", "0", "--duration", "2", "--out", "kept"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     url = process.stdout.readline().split()[0]
@@ -99,7 +99,7 @@ def test_whoever_goes_away_takes_nothing_along(gone, tmp_path):
 
     ours, theirs = pty.openpty() if gone == "terminal" else os.pipe()
     command = [sys.executable, "-m", "crar_drake", "play", "obstacle_arm"]
-    command += ["--no-browser", "--port", "0", "--save", "kept"]
+    command += ["--no-browser", "--port", "0", "--out", "kept"]
     if gone == "from the first":
         command += ["--duration", "0.5"]
     process = subprocess.Popen(
@@ -160,7 +160,7 @@ def test_ctrl_c_twice_keeps_the_log(folder, monkeypatch, capsys, where):
         "crar_drake.results.playback.record_logs",
         lambda logs, path, **_: (path.touch(), made.append(path)),
     )
-    status = play("--save", "kept")
+    status = play("--out", "kept")
     log = SimulationLog.load(folder / "kept" / "log.npz")
     assert log.time[-1] == pytest.approx(0.045)
     # In a step the second one was used up; else it says that there is no time.

@@ -41,7 +41,7 @@ def project(tmp_path: Path) -> Path:
 
 def run(scenario: str) -> None:
     """From the working directory; leaves log/log.npz there."""
-    argv = ["run", scenario, "--duration", "0.05", "--no-recording", "--out", "log"]
+    argv = ["run", scenario, "--duration", "0.05", "--no-page", "--out", "log"]
     assert main(argv) == 0
 
 

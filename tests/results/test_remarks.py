@@ -152,7 +152,13 @@ def test_an_arm_too_weak_for_its_weight_falls_and_it_is_said_why(
     assert text.count(strong) == 1
     urdf.write_text(text.replace(strong, f'effort="{WEAK}"'))
     monkeypatch.chdir(tmp_path)
-    given = ["--constraints", "lookahead", "--duration", "1.5", "--no-recording"]
+    given = [
+        "--set",
+        "controller.constraints=lookahead",
+        "--duration",
+        "1.5",
+        "--no-page",
+    ]
     main(["run", "obstacle_arm", "--robot", str(arm), *given, "--out", "fell"])
     said = capsys.readouterr().out
     log = SimulationLog.load("fell/log.npz")

@@ -144,7 +144,7 @@ def test_a_fall_is_told(folder, tmp_path, capsys) -> None:
     file = tmp_path / "thrown.yaml"
     file.write_text(thrown.to_yaml())
     out = tmp_path / "out"
-    command = ["run", str(file), "--no-recording", "--out", str(out)]
+    command = ["run", str(file), "--no-page", "--out", str(out)]
     assert main(command) == 1
     printed = capsys.readouterr().out
     assert "VIOLATED" in printed and "the robot fell at" in printed

@@ -83,7 +83,7 @@ def test_the_recording_draws_them_and_the_command_says_so(robot, capsys):
     assert main(["run", "s.yaml", "--out", "it"]) == 0
     told = "warning: model chain has no visual geometry: the recording draws its"
     assert told in capsys.readouterr().out
-    assert main(["run", "s.yaml", "--out", "else", "--no-recording"]) == 0
+    assert main(["run", "s.yaml", "--out", "else", "--no-page"]) == 0
     assert "visual geometry" not in capsys.readouterr().out
     assert main(["show", "it/log.npz"]) == 0
     assert "no visual geometry: its collision shapes are drawn" in (

@@ -316,6 +316,7 @@ def changed_scenario(scenario: Scenario, arguments: argparse.Namespace) -> Scena
 def _with_setting(scenario: Scenario, setting: str) -> Scenario:
     """The scenario with one of its keys set, as in controller.margin=0.01."""
     import yaml
+    from pydrake.common.yaml import yaml_dump, yaml_load_data
 
     from crar_drake.law.parameters import CONSTRAINTS, with_constraints
     from crar_drake.simulation.scenario import parse_scenario
@@ -328,15 +329,15 @@ def _with_setting(scenario: Scenario, setting: str) -> Scenario:
         return scenario
     *way, last = key.split(".")
     try:
-        whole = yaml.safe_load(scenario.to_yaml())
+        whole = yaml_load_data(scenario.to_yaml())
         holder = whole
         for name in way:
             holder[name] = holder.get(name) or {}
             holder = holder[name]
         holder[last] = yaml.safe_load(text)
-    except (yaml.YAMLError, AttributeError) as error:  # a list has no keys
+    except (yaml.YAMLError, AttributeError, TypeError) as error:  # a text has no keys
         raise ScenarioError(f"--set {setting}: no such key, or no value") from error
     try:
-        return parse_scenario(yaml.safe_dump(whole), f"--set {setting}")
+        return parse_scenario(yaml_dump(whole), f"--set {setting}")
     except ScenarioError as error:  # whose lines are of no file
         raise ScenarioError(re.sub(r" \(line \d+\)", "", str(error))) from error

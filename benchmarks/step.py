@@ -23,8 +23,7 @@ from benchmarks.options import (
     defaults_or_preview,
     lookahead_defaults,
 )
-from benchmarks.page import Benchmark, Table
-from benchmarks.page import run as run_command
+from benchmarks.page import Benchmark, Table, run as run_command
 from benchmarks.step_compiling import measure_compiling
 from benchmarks.step_robots import PERIOD, make_robot, make_samples
 from benchmarks.step_timing import Step, fit_growth, samples_of_run, time_side_by_side

@@ -10,8 +10,11 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import DiscreteTimeDelay as Delay
-from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.systems.primitives import (
+    DiscreteTimeDelay as Delay,
+    LogVectorOutput,
+    TrajectorySource,
+)
 from pydrake.trajectories import PiecewisePolynomial
 
 from crar_drake import (

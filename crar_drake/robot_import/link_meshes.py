@@ -11,8 +11,8 @@ from pydrake.geometry import (
     Role,
     SceneGraph,
     SceneGraphInspector,
+    Shape as DrakeShape,
 )
-from pydrake.geometry import Shape as DrakeShape
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody

@@ -18,8 +18,12 @@ from pydrake.geometry import Role, SceneGraphInspector
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import Frame, ModelInstanceIndex, RigidBody
-from pydrake.multibody.tree import Joint as DrakeJoint
+from pydrake.multibody.tree import (
+    Frame,
+    Joint as DrakeJoint,
+    ModelInstanceIndex,
+    RigidBody,
+)
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.errors import ModelError

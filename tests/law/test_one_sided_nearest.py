@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from one_sided_least_squares import one_sided_least_squares
 
 from crar_drake.law.one_sided import one_sided_nearest, one_sided_nearest_in

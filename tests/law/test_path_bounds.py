@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from grounded_robots import above_ground
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from moving_shapes import MovingShapes, shapes_of_every_joint
 from pydrake.geometry import SceneGraph, Sphere
 from pydrake.math import RigidTransform

@@ -14,8 +14,11 @@ from crar_drake.motion.formats.asf_amc import (
     read_amc,
     read_asf,
 )
-from crar_drake.motion.joint_centres import JOINT_CENTRES, JointCentres
-from crar_drake.motion.joint_centres import joint_centres as centres_of
+from crar_drake.motion.joint_centres import (
+    JOINT_CENTRES,
+    JointCentres,
+    joint_centres as centres_of,
+)
 from crar_drake.motion.performers.asf_amc import asf_amc_performer, robot_frame
 
 

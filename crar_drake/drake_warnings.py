@@ -8,7 +8,6 @@ Python's logger "drake".
 import logging
 import re
 import sys
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -26,33 +25,35 @@ _NOISE = re.compile(r"\b\w+\(\): |^\s*\[.*\]\s*$", re.MULTILINE)
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 
 
-class DrakeWarnings(logging.Handler):
-    """Collects warnings and what is worse.
-
-    Attributes:
-        texts: each message that was heard to the number of times, in their order.
-    """
+class _Listener(logging.Handler):
+    """Keeps each different warning, and what is worse, in a list."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
-        self.texts: Counter[str] = Counter()
+        self.texts: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
         """Takes a message of Drake's."""
         text = record.getMessage()
-        if _SOFT_BODIES not in text and not text.startswith(_RAISED_TOO):
-            self.texts[text] += 1
+        matters = _SOFT_BODIES not in text and not text.startswith(_RAISED_TOO)
+        if matters and text not in self.texts:
+            self.texts.append(text)
 
-    def lines(self) -> list[str]:
-        """What was collected, short: one line for messages that differ in places and
-        numbers only, with the number of different ones and the first one's place."""
-        kinds: dict[str, list[str]] = {}
-        for text in self.texts:
-            kinds.setdefault(_NUMBER.sub("#", _what(text)), []).append(text)
-        lines = [_short(texts) for texts in kinds.values()]
-        if len(lines) > _LINES:
-            lines[_LINES - 1 :] = [f"and {len(lines) - _LINES + 1} kinds more"]
-        return lines
+
+@contextmanager
+def recorded_warnings() -> Iterator[list[str]]:
+    """Keeps Drake quiet within the block; yields the list of its different warnings,
+    which grows as they come.
+
+    What Drake merely announces (Meshcat's address) is not among them.
+    """
+    logger, heard = logging.getLogger("drake"), _Listener()
+    handlers, propagate = logger.handlers[:], logger.propagate
+    logger.handlers[:], logger.propagate = [heard], False
+    try:
+        yield heard.texts
+    finally:
+        logger.handlers[:], logger.propagate = handlers, propagate
 
 
 @contextmanager
@@ -60,20 +61,17 @@ def collected_warnings(*, verbose: bool = False) -> Iterator[None]:
     """Keeps Drake quiet within the block, and prints its warnings to stderr at the end,
     short.
 
-    What Drake merely announces (Meshcat's address) is not printed.
-
     Args:
         verbose: change nothing: all is printed by Drake itself, at once and whole.
     """
     if verbose:
         yield
         return
-    with _listening() as heard:
+    with recorded_warnings() as texts:
         try:
             yield
         finally:
-            lines = heard.lines()
-            if lines:
+            if lines := _lines(texts):
                 print(
                     "Drake warns; --verbose prints all of it:",
                     *(f"  {line}" for line in lines),
@@ -82,37 +80,22 @@ def collected_warnings(*, verbose: bool = False) -> Iterator[None]:
                 )
 
 
-@contextmanager
-def recorded_warnings() -> Iterator[list[str]]:
-    """Yields a list that has, after the block, each different warning of it.
-
-    For a process whose warnings another one tells, with `tell_again`.
-    """
-    texts: list[str] = []
-    with _listening() as heard:
-        try:
-            yield texts
-        finally:
-            texts += heard.texts
-
-
 def tell_again(texts: list[str]) -> None:
-    """Tells this process's logger what was recorded in another process."""
+    """Tells this process's logger what `recorded_warnings` kept in another process."""
     for text in texts:
         logging.getLogger("drake").warning("%s", text)
 
 
-@contextmanager
-def _listening() -> Iterator[DrakeWarnings]:
-    """Puts a `DrakeWarnings` in the place of what prints Drake's messages."""
-    logger = logging.getLogger("drake")
-    handlers, propagate = logger.handlers[:], logger.propagate
-    heard = DrakeWarnings()
-    logger.handlers[:], logger.propagate = [heard], False
-    try:
-        yield heard
-    finally:
-        logger.handlers[:], logger.propagate = handlers, propagate
+def _lines(texts: list[str]) -> list[str]:
+    """One line for warnings that differ in places and numbers only, with how many there
+    are and the first one's place."""
+    kinds: dict[str, list[str]] = {}
+    for text in texts:
+        kinds.setdefault(_NUMBER.sub("#", _what(text)), []).append(text)
+    lines = [_short(of_kind) for of_kind in kinds.values()]
+    if len(lines) > _LINES:
+        lines[_LINES - 1 :] = [f"and {len(lines) - _LINES + 1} kinds more"]
+    return lines
 
 
 def _what(text: str) -> str:

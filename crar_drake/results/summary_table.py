@@ -26,103 +26,89 @@ def summary_table(summary: Summary, verbose: bool = False) -> Table:
     table.add_column("value", justify="right", no_wrap=True)
     table.add_column("where", overflow="fold")
 
+    def row(quantity: str, value: str, where: str = "", bad: bool = False) -> None:
+        table.add_row(quantity, value, where, style="bold red" if bad else "")
+
     assumed = summary.frame_rate_source == "assumed"
     if summary.frame_rate is not None and (verbose or assumed):
-        table.add_row(
-            "frame rate",
-            rate_text(summary.frame_rate, summary.frame_rate_source),
-            "of the motion" + ("; --frame-rate" if assumed else ""),
-        )
+        rate = rate_text(summary.frame_rate, summary.frame_rate_source)
+        row("frame rate", rate, "of the motion" + ("; --frame-rate" if assumed else ""))
     if summary.rms_task_error is not None:
         worst = _worst(summary, "rms_error")
-        table.add_row(
+        error = f"{1e3 * summary.tasks[worst].rms_error:.1f} mm"
+        row(
             "rms task error",
             f"{1e3 * summary.rms_task_error:.1f} mm",
-            f"worst {worst}, {1e3 * summary.tasks[worst].rms_error:.1f} mm",
+            f"worst {worst}, {error}",
         )
     if summary.rms_orientation_error is not None:
         worst = _worst(summary, "rms_orientation_error")
-        angle = summary.tasks[worst].rms_orientation_error
-        table.add_row(
+        angle = f"{summary.tasks[worst].rms_orientation_error:.3f} rad"
+        row(
             "rms orientation error",
             f"{summary.rms_orientation_error:.3f} rad",
-            f"worst {worst}, {angle:.3f} rad",
+            f"worst {worst}, {angle}",
         )
     if summary.limb_directions:
-        table.add_row("limb directions", *_limbs(summary))
+        row("limb directions", *_limbs(summary))
     if summary.smallest_distance is not None:
-        table.add_row(
+        row(
             "smallest distance",
             f"{1e3 * summary.smallest_distance:.1f} mm",
             f"{summary.smallest_distance_pair}, at "
             f"{summary.smallest_distance_time:.2f} s",
-            style="bold red" if summary.smallest_distance < 0.0 else "",
+            summary.smallest_distance < 0.0,
         )
-    table.add_row(
-        "violations",
-        f"{summary.violated_samples}",
-        f"of {summary.samples} samples",
-        style="bold red" if summary.violated_samples else "",
-    )
+    violated = summary.violated_samples
+    row("violations", f"{violated}", f"of {summary.samples} samples", violated > 0)
     if summary.penetrating_samples:
-        table.add_row(
-            "  penetrating",
-            f"{summary.penetrating_samples}",
-            _most(summary.penetrating_pairs),
-        )
+        count = f"{summary.penetrating_samples}"
+        row("  penetrating", count, _most(summary.penetrating_pairs))
     if summary.beyond_limit_samples:
-        table.add_row(
+        farthest = summary.largest_excess_joint
+        row(
             "  beyond limits",
             f"{summary.beyond_limit_samples}",
-            f"{_most(summary.joints_beyond_limits)}; farthest "
-            f"{summary.largest_excess_joint}, {summary.largest_excess:.3g} "
-            f"{summary.unit_of(summary.largest_excess_joint)}",
+            f"{_most(summary.joints_beyond_limits)}; farthest {farthest}, "
+            f"{summary.largest_excess:.3g} {summary.unit_of(farthest)}",
         )
     if summary.beyond_speed_samples:
         # Apart from the violations, as in `Summary`.
-        table.add_row(
+        fastest = summary.largest_speed_excess_joint
+        row(
             "beyond speed limits",
             f"{summary.beyond_speed_samples}",
-            f"{_most(summary.joints_beyond_speed)}; most "
-            f"{summary.largest_speed_excess_joint}, by "
-            f"{summary.largest_speed_excess:.3g} "
-            f"{summary.unit_of(summary.largest_speed_excess_joint)}/s",
-            style="bold red",
+            f"{_most(summary.joints_beyond_speed)}; most {fastest}, by "
+            f"{summary.largest_speed_excess:.3g} {summary.unit_of(fastest)}/s",
+            True,
         )
     for name, figures in summary.obstacles.items():
-        table.add_row(
-            f"obstacle {escape(name)}",
-            f"{1e3 * figures.smallest_distance:.1f} mm",
-            figures.in_words(),
-            style="bold red" if figures.fast_contacts else "",
-        )
+        nearest = f"{1e3 * figures.smallest_distance:.1f} mm"
+        bad = figures.fast_contacts > 0
+        row(f"obstacle {escape(name)}", nearest, figures.in_words(), bad)
     if summary.admitted_steps:
         clearance = summary.path_clearance
         nearest = "no pair" if clearance is None else f"{1e3 * clearance:.1f} mm"
-        table.add_row(
-            "braking path",
-            nearest,
-            _path(summary) + (_admitted(summary) if verbose else ""),
-            style="bold red" if summary.unclear_steps else "",
-        )
+        path = _path(summary) + (_admitted(summary) if verbose else "")
+        row("braking path", nearest, path, summary.unclear_steps > 0)
     if summary.balanced_steps:
         share = summary.changed_for_balance / summary.balanced_steps
-        table.add_row(
+        row(
             "balance",
             f"{1e3 * summary.smallest_balance:.1f} mm",
             "left on braking paths, of the weight's arm, at least; "
             f"{100 * share:.0f} % of the steps changed",
         )
     if verbose:
-        table.add_row("mean power", f"{summary.mean_power:.1f} W", "")
-    table.add_row(
+        row("mean power", f"{summary.mean_power:.1f} W")
+    row(
         "peak torque",
         f"{summary.peak_torque:.1f} {summary.peak_torque_unit}",
         f"{summary.peak_torque_joint}, at {summary.peak_torque_time:.2f} s",
     )
     if verbose and summary.torque_limited_samples:
         share = summary.torque_limited_samples / summary.samples
-        table.add_row(
+        row(
             "torque limit active",
             f"{100 * share:.1f} %",
             f"of {summary.samples} samples lose over a tenth of the step; clipped in "
@@ -131,16 +117,15 @@ def summary_table(summary: Summary, verbose: bool = False) -> Table:
     if verbose:
         count = len(summary.sliding_joints)
         slides = f"{count} that slide, in m/s², among them" if count else ""
-        acceleration = f"{summary.rms_acceleration:.1f} rad/s²"
-        table.add_row("rms acceleration", acceleration, slides)
+        row("rms acceleration", f"{summary.rms_acceleration:.1f} rad/s²", slides)
     if summary.stopped:
-        reason = escape(summary.stopped)
-        table.add_row("stopped", f"{summary.duration:.2f} s", reason, style="bold red")
+        row("stopped", f"{summary.duration:.2f} s", escape(summary.stopped), True)
     if verbose and summary.real_time_factor is not None:
-        table.add_row(
+        factor = f"{summary.real_time_factor:.2f} x real time"
+        row(
             "wall time",
             f"{summary.wall_time:.1f} s",
-            f"for {summary.duration:.2f} s, {summary.real_time_factor:.2f} x real time",
+            f"for {summary.duration:.2f} s, {factor}",
         )
     return table
 

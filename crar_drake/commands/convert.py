@@ -1,7 +1,10 @@
 """`crar-drake convert`: a robot's motion from one layout to another."""
 
+from __future__ import annotations
+
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from crar_drake.commands.options import (
     add_command,
@@ -10,6 +13,10 @@ from crar_drake.commands.options import (
     positive,
 )
 from crar_drake.errors import MotionError
+
+if TYPE_CHECKING:
+    from crar_drake.references.robot_motion import RobotMotion
+    from crar_drake.references.whole_body import WholeBody
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -22,7 +29,13 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "another layout, or at another rate. docs/guides/reference-motions.md has the "
         "layouts.",
     )
-    parser.add_argument("motion", type=Path, metavar="IN", help="the motion's file")
+    parser.add_argument(
+        "motion",
+        type=Path,
+        metavar="IN",
+        help="the motion's file, or the log.npz of a run, of which what is blended in "
+        "at first is left out",
+    )
     parser.add_argument("out", type=Path, metavar="OUT", help="the file to write")
     parser.add_argument(
         "--to",
@@ -53,11 +66,14 @@ def run(arguments: argparse.Namespace) -> None:
         write_motions,
     )
     from crar_drake.references.resampling import resampled
+    from crar_drake.results.log import is_log
 
     check_file(arguments.out)
     robot = reference_robot(arguments)
     options = dict(layout=arguments.layout, rate=arguments.frame_rate, robot=robot)
-    if arguments.clip is not None:
+    if is_log(arguments.motion):
+        motions, robot = _of_log(arguments)
+    elif arguments.clip is not None:
         motions = (read_motion(arguments.motion, clip=arguments.clip, **options),)
     else:
         motions = read_motions(arguments.motion, **options)
@@ -103,6 +119,19 @@ def run(arguments: argparse.Namespace) -> None:
     print(arguments.out)
     if labels_beside(written, layout):
         print(contacts_path(arguments.out))
+
+
+def _of_log(arguments: argparse.Namespace) -> tuple[tuple[RobotMotion], WholeBody]:
+    """The motion of a run from its log, and the robot."""
+    from crar_drake.references.whole_body import WholeBody
+    from crar_drake.results.log import SimulationLog
+    from crar_drake.results.logged_motion import motion_of_log
+    from crar_drake.results.logged_robot import load_logged_robot, load_logged_scenario
+
+    log = SimulationLog.load(arguments.motion)
+    robot = WholeBody(load_logged_robot(log, arguments.robot or ""))
+    start = load_logged_scenario(log).controller.blend_time
+    return (motion_of_log(log, robot, start),), robot
 
 
 def reference_robot(arguments: argparse.Namespace):

@@ -29,8 +29,6 @@ from crar_drake.commands.output import (
 )
 from crar_drake.errors import ScenarioError
 
-_EXPORT_RATE = 50.0  # [Hz], at which policies usually act
-
 if TYPE_CHECKING:
     from crar_drake.results.summary import Summary
     from crar_drake.run import Progress, RunResult
@@ -64,18 +62,6 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--no-page", action="store_true", help="do not make recording.html"
     )
-    parser.add_argument(
-        "--export",
-        metavar="LAYOUT[:FILE]",
-        help="write the robot's motion as a reference motion, too, in a layout of "
-        "`crar-drake convert` (default FILE: motion with its suffix, in the folder)",
-    )
-    parser.add_argument(
-        "--export-rate",
-        type=positive,
-        metavar="HZ",
-        help="frames per second of that file, along splines (default: 50)",
-    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -86,7 +72,6 @@ def run(arguments: argparse.Namespace) -> int:
     """
     scenario = _scenario(arguments)
     out = arguments.out or OUT / _out_name(scenario, arguments)
-    export = _export_target(arguments, out)
 
     from crar_drake.run import RunFailed, RunInterrupted, run_scenario
 
@@ -108,9 +93,10 @@ def run(arguments: argparse.Namespace) -> int:
         show_bad(stopped.result)
         raise
     tell_run(result, arguments.verbose)
-    _show_more(arguments, scenario, result, out, export)
-    show_bad(result)
     summary = result.summary
+    if summary.stance is not None:
+        print(summary.stance.line())
+    show_bad(result)
     return final_line(
         [
             *counted(summary.penetrating_samples, "sample", "penetrate{s}"),
@@ -129,46 +115,6 @@ def _fallen(summary: Summary) -> list[str]:
     if stood is None or stood.fell is None:
         return []
     return [f"the robot fell at {stood.fell:.2f} s"]
-
-
-def _show_more(
-    arguments: argparse.Namespace,
-    scenario: Scenario,
-    result: RunResult,
-    out: Path,
-    export: tuple[str, Path] | None,
-) -> None:
-    """How a robot that stands did, and its motion as a reference, where asked for."""
-    model = result.setup.simulated
-    stood = result.summary.stance
-    if stood is not None:
-        print(stood.line())
-    if not export:
-        return
-    from crar_drake.references.whole_body import WholeBody
-    from crar_drake.results.logged_motion import export_log
-
-    robot, blended = WholeBody(model.description), scenario.controller.blend_time
-    layout, file = export
-    rate = arguments.export_rate or _EXPORT_RATE
-    motion = export_log(result.log, robot, file, layout, rate, blended)
-    print(f"{file}: {motion.num_frames} frames at {motion.rate:g} Hz, {layout}")
-
-
-def _export_target(arguments: argparse.Namespace, out: Path) -> tuple[str, Path] | None:
-    """Layout and file of --export, which could be written."""
-    if arguments.export is None:
-        if arguments.export_rate is not None:
-            raise ScenarioError("--export-rate: say what to write, too: --export")
-        return None
-    from crar_drake.files import check_file
-    from crar_drake.references.layouts import layout_named
-    from crar_drake.results.logged_motion import export_target
-
-    layout, file = export_target(arguments.export)
-    path = Path(file) if file else out / f"motion{layout_named(layout).suffix}"
-    check_file(path)
-    return layout, path
 
 
 def _scenario(arguments: argparse.Namespace) -> Scenario:

@@ -8,15 +8,13 @@ from scipy.spatial.transform import Rotation
 from small_logs import small_log
 from small_walker import HEIGHT, walker
 
+from crar_drake.commands import main
 from crar_drake.errors import CrarError, MotionError
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.results.logged_motion import (
-    export_log,
-    export_target,
-    lowest_point,
-    motion_of_log,
-)
+from crar_drake.results.log import SimulationLog
+from crar_drake.results.logged_motion import lowest_point, motion_of_log
+from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.joints import names_by_joint
 
 RATE = 200.0
@@ -66,32 +64,30 @@ def test_root_and_joints_are_the_logs(robot):
     np.testing.assert_array_equal(motion.joint_positions[:, column], log.q[:, waist])
 
 
-@pytest.mark.parametrize("layout, file", [("xyzw-csv", "a.csv"), ("gmr-pkl", "a.pkl")])
-def test_it_is_written_and_read_again(robot, tmp_path, layout, file):
+def test_what_comes_before_its_start_is_left_out(robot):
     log, _ = log_of(robot)
-    written = export_log(log, robot, tmp_path / file, layout, 50.0)
-    found = read_motion(tmp_path / file, layout=layout, rate=50.0, robot=robot)
-    assert found.num_frames == 26 and found.rate == 50.0
-    np.testing.assert_allclose(
-        found.joint_positions, written.joint_positions, atol=1e-6
-    )
-    np.testing.assert_allclose(
-        found.root_positions[:, 0], 0.3 * log.time[::4], atol=1e-6
-    )
-    late = export_log(log, robot, tmp_path / file, layout, 50.0, start=0.1)
-    np.testing.assert_allclose(late.joint_positions, written.joint_positions[5:])
-    turned = (found.root_rotations * written.root_rotations.inv()).magnitude()
-    assert turned.max() < 1e-6
+    whole, late = motion_of_log(log, robot), motion_of_log(log, robot, 0.1)
+    np.testing.assert_array_equal(late.joint_positions, whole.joint_positions[20:])
+    assert motion_of_log(log, robot, 9.0).num_frames == whole.num_frames
+
+
+def test_a_log_is_converted(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main("run --duration 0.69 --no-page --out it".split()) == 0
+    log = SimulationLog.load("it/log.npz")
+    command = "convert it/log.npz motion.csv --to named-csv --rate 50"
+    capsys.readouterr()
+    assert main(command.split()) == 0
+    told = capsys.readouterr().out
+    assert "10 frames at 50 Hz, 14 joints, from log to named-csv" in told
+    robot = WholeBody(load_robot_description("upper_body"))
+    found = read_motion("motion.csv", rate=50.0, robot=robot)
+    _, _, joints = robot.of_configurations(log.q[500::20][:10])
+    np.testing.assert_allclose(found.joint_positions, joints, atol=1e-5)
 
 
 def test_what_is_refused(robot):
     log, _ = log_of(robot)
-    assert export_target("mjlab-npz") == ("mjlab-npz", "")
-    assert export_target("gmr-pkl:a/b.pkl") == ("gmr-pkl", "a/b.pkl")
-    with pytest.raises(MotionError, match="no layout 'xyzw'.*xyzw-csv"):
-        export_target("xyzw")
-    with pytest.raises(MotionError, match="a.npz: xyzw-csv is a .csv file"):
-        export_target("xyzw-csv:a.npz")
     with pytest.raises(MotionError, match="0.005 s and 0.1 s apart"):
         times = log.time.copy()
         times[50:] += 0.095

@@ -2,8 +2,6 @@
 
 import multiprocessing
 import os
-import pickle
-import signal
 import subprocess
 import sys
 import threading
@@ -75,13 +73,6 @@ def test_a_file_that_fails_leaves_no_trace(tmp_path):
     assert [path.name for path in (tmp_path / "a/b").iterdir()] == ["c.txt"]
 
 
-def test_an_error_of_writing_can_be_sent_by_a_process():
-    error = pickle.loads(pickle.dumps(WriteError("a/b", OSError(28, "disk full"))))
-    assert type(error) is WriteError
-    assert str(error) == "a/b: could not be written: disk full"
-    assert error.path == "a/b"
-
-
 def test_places_that_cannot_be_written_are_known_before(tmp_path):
     check_folder(tmp_path / "not/there/yet")
     check_file(tmp_path / "not/there/yet.txt")
@@ -117,7 +108,8 @@ def test_a_folder_without_permission_is_known_before(tmp_path):
             pass
 
 
-def test_only_one_process_writes_and_the_other_one_is_named(tmp_path, hold):
+@pytest.mark.parametrize("end", ["told", "killed"])
+def test_only_one_process_writes_and_the_other_one_is_named(tmp_path, hold, end):
     out = tmp_path / "deep/results.csv"
     process = hold("sole", out)
     with pytest.raises(CrarError, match=rf"results.csv: process {process.pid} on "):
@@ -125,22 +117,15 @@ def test_only_one_process_writes_and_the_other_one_is_named(tmp_path, hold):
             pytest.fail("two at once")
     with sole_writer(tmp_path / "deep/other.csv"):
         pass  # another file is free
-    process.communicate("go\n", timeout=WAIT)
-    assert process.returncode == 0
+    if end == "told":
+        process.communicate("go\n", timeout=WAIT)
+        assert process.returncode == 0
+    else:  # its file stays, and must lock nothing
+        process.kill()
+        process.wait(WAIT)
     with sole_writer(out):
         pass
     assert list((tmp_path / "deep").iterdir()) == [], "the lock leaves no file"
-
-
-def test_a_lock_ends_with_a_process_that_is_killed(tmp_path, hold):
-    out = tmp_path / "results.csv"
-    process = hold("sole", out)
-    process.send_signal(signal.SIGKILL)
-    process.wait(WAIT)
-    assert list(tmp_path.iterdir()), "its file stayed, and must lock nothing"
-    with sole_writer(out):
-        pass
-    assert list(tmp_path.iterdir()) == []
 
 
 def _count(folder: str, times: int) -> None:

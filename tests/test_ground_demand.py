@@ -44,17 +44,6 @@ def test_it_is_the_change_of_momentum_and_the_weight(floater, seed):
     )
 
 
-def test_at_rest_the_centre_is_below_the_centre_of_mass(floater):
-    plant = floater.plant
-    q = plant.GetPositions(plant.CreateDefaultContext())
-    zero = np.zeros((1, plant.num_velocities()))
-    found = ground_wrench(plant, q[None], zero, zero)
-    context = plant.CreateDefaultContext()
-    p = plant.CalcCenterOfMassPositionInWorld(context)
-    np.testing.assert_allclose(found.centres()[0], p[:2], atol=1e-9)
-    np.testing.assert_allclose(found.force[0], [0, 0, found.weight], atol=1e-9)
-
-
 def test_who_accelerates_leans():
     """A mass m at height h: the centre lags by h a / g, measured from any floor."""
     m, g, a = 2.0, 10.0, np.array([3.0, -1.0, 0.0])

@@ -1,6 +1,5 @@
 """Runs that do not come to their end, or whose files do not fit: what is kept."""
 
-import argparse
 import gc
 import json
 import re
@@ -18,10 +17,10 @@ import pytest
 import crar_drake.results.plots
 import crar_drake.run
 from crar_drake.commands import main
-from crar_drake.errors import CrarError, InputError, ScenarioError, WriteError
+from crar_drake.errors import CrarError, InputError, ScenarioError
 from crar_drake.law.control_law import ControlLaw
 from crar_drake.results.log import SimulationLog
-from crar_drake.run import RunFailed, RunInterrupted, run_scenario
+from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario, load_scenario
 
 FILES = ["log.npz", "plot.png", "recording.html", "summary.json"]
@@ -191,27 +190,6 @@ def test_an_interrupted_run_is_kept(
     assert "it/log.npz" in output.out and "rms task error" in output.out
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_every_command_tidies_up_when_it_is_asked_to_end(
-    monkeypatch, capsys, interruptible, number
-):
-    """What Ctrl-C does in any command, these do, and only there."""
-    tidied = []
-
-    def command(arguments) -> None:
-        try:
-            signal.raise_signal(number)
-        finally:
-            tidied.append(True)
-
-    monkeypatch.setattr(
-        "crar_drake.commands.parse",
-        lambda *_: argparse.Namespace(command=command, verbose=False),
-    )
-    assert main(["show"]) == 130 and tidied == [True]
-    assert "interrupted" in capsys.readouterr().err
-
-
 def test_a_second_interrupt_does_not_wait_for_the_step(
     it, monkeypatch, whole, interruptible
 ):
@@ -283,15 +261,6 @@ def test_a_handler_of_the_callers_stays(tmp_path, monkeypatch):
     assert len(result.log.time) == 201
 
 
-def test_the_callers_of_a_library_get_the_part(tmp_path, monkeypatch, interruptible):
-    in_the_middle(monkeypatch, interrupt)
-    with pytest.raises(RunInterrupted) as caught:
-        run_scenario(scenario(), tmp_path, record=False)
-    result = caught.value.result
-    assert result.summary.stopped == "interrupted"
-    assert sorted(path.name for path in result.files) == names(tmp_path)
-
-
 # --- a full disk ------------------------------------------------------------------
 
 
@@ -337,19 +306,6 @@ def test_all_stays_as_it_was_if_the_log_does_not_fit(any_it, capsys):
     assert "it/log.npz: could not be written: File too large" in output.err
     assert "nothing was written, it is as it was" in output.err
     assert "rms task error" in output.out, "the figures are known all the same"
-
-
-def test_errors_of_the_library_hold_the_result(it):
-    with largest_file(_SMALLER_THAN_A_PAGE), pytest.raises(RunFailed) as caught:
-        run_scenario(scenario(), "it")
-    result = caught.value.result
-    assert isinstance(caught.value.__cause__, WriteError)
-    assert len(result.log.time) == 201
-    assert [path.name for path in result.files] == [
-        "log.npz",
-        "summary.json",
-        "plot.png",
-    ]
 
 
 def test_a_defect_of_a_writer_leaves_no_older_file(it, monkeypatch):

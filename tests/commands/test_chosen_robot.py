@@ -38,17 +38,10 @@ def test_run_takes_a_robot_a_motion_and_an_experiment(empty_folder, capsys):
     assert Path(scenario.robot) == empty_folder / "mine"
     assert (scenario.motion, scenario.experiment) == ("boxing", "wrists")
     assert scenario.controller.constraints == "lookahead"
-
-
-def test_a_robot_alone_names_its_folder(empty_folder, capsys):
-    shutil.copytree(data_folder("models") / "upper_body", empty_folder / "mine")
+    # A robot alone names its folder, too.
     argv = ["run", "dance_wrists", "--robot", "mine", "--duration", "0.05"]
     assert main([*argv, "--no-page"]) == 0
     assert (empty_folder / "out/mine_dance_wrists/log.npz").is_file()
-
-
-def test_a_robot_that_is_not_there_is_told(capsys):
-    assert "no robot 'upper_bod'" in refused(capsys, "run", "--robot", "upper_bod")
 
 
 @pytest.mark.parametrize("command", ["run", "play"])

@@ -64,10 +64,6 @@ def test_what_another_drake_writes_stays_in_its_script():
     assert parts == [] and scripts[1].decode() == other
 
 
-def test_a_page_is_the_same_each_time():
-    assert packed_page(page("a"), [b"b"]) == packed_page(page("a"), [b"b"])
-
-
 @pytest.mark.parametrize("shape", [(1, 1), (7, 3), (40, 5, 3), (4, 0)])
 def test_arrays_are_rounded_and_nothing_else(shape):
     values = np.random.default_rng(1).uniform(-3.0, 3.0, shape)
@@ -78,10 +74,3 @@ def test_arrays_are_rounded_and_nothing_else(shape):
     numbers = np.stack(np.split(told, 4), axis=1).copy().view("<f4").ravel()
     columns = numbers.reshape(-1, len(values)).T.reshape(shape)
     np.testing.assert_allclose(columns, values, rtol=0, atol=step / 2)
-
-
-def test_a_smooth_motion_shrinks():
-    t = np.linspace(0.0, 13.0, 417)
-    values = np.sin(np.outer(t, np.linspace(0.5, 3.0, 40)))
-    plain = gzip.compress(values.astype("<f4").tobytes(), 9)
-    assert len(gzip.compress(packed_array(values, 2**-14), 9)) < 0.7 * len(plain)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from crar_drake.commands.folders import progress_bar
 from crar_drake.commands.options import (
     FILE_OPTIONS,
     add_command,
@@ -31,7 +30,7 @@ from crar_drake.errors import ScenarioError
 
 if TYPE_CHECKING:
     from crar_drake.results.summary import Summary
-    from crar_drake.run import Progress, RunResult
+    from crar_drake.run import RunResult
     from crar_drake.simulation.scenario import Scenario
 
 
@@ -71,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
         The exit code: 1 if a sample penetrates or is beyond a limit, else 0.
     """
     scenario = _scenario(arguments)
-    out = arguments.out or OUT / _out_name(scenario, arguments)
+    out = arguments.out or OUT / _out_name(arguments)
 
     from crar_drake.run import RunFailed, RunInterrupted, run_scenario
 
@@ -80,12 +79,18 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"BAD: {line}")
 
     try:
-        with _progress_bar() as progress:
+        with progress_bar() as bar:
+            task = bar.add_task("", total=None)
+
+            def show(time: float, duration: float, factor: float) -> None:
+                what = f"s, {factor:.2f} x real time"
+                bar.update(task, completed=time, total=duration, description=what)
+
             result = run_scenario(
                 scenario,
                 out,
                 record=not arguments.no_page,
-                progress=progress,
+                progress=show,
                 tell=lambda line: print(line, file=sys.stderr),
             )
     except (RunFailed, RunInterrupted) as stopped:
@@ -135,62 +140,18 @@ def _scenario(arguments: argparse.Namespace) -> Scenario:
     return scenario
 
 
-def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> Path:
-    """The folder says what was run, so that variants do not replace each other.
+def _out_name(arguments: argparse.Namespace) -> Path:
+    """The folder says what was run, so that variants do not replace each other: by the
+    scenario, and by what options put into it."""
+    from crar_drake.results.summary import robot_name
 
-    It is known before: shipped scenarios and motions, trials, and files in the
-    working directory have their names; other files also that of their folder, see
-    `label`. A file of one's own, and a robot that is not the default, are named
-    with the motion and the experiment that are put into them.
-    """
-    from crar_drake.simulation.scenario import scenario_names
-
-    path = Path(arguments.scenario)
-    shipped = path.parent.name in ("", "diagrams") and path.stem in scenario_names()
-    name = Path(path.stem) if shipped else label(path)
-    robot = Path(scenario.robot)  # a name, or a robot.yaml in its folder
-    robot_name = robot.parent.name if robot.suffix else robot.name
-    another = scenario.robot != type(scenario)().robot
+    files = [label(each) for each in (arguments.scenario, arguments.motion) if each]
     settings = [setting.partition("=")[2] for setting in arguments.set]
-    parts = [name.name, *(re.sub(r"[^\w.-]+", "_", each) for each in settings)]
-    if arguments.motion or (scenario.experiment and arguments.tasks):
-        motion = label(scenario.motion)
-        parts[:1] = [motion.name, scenario.experiment]
-        own = not shipped or not scenario.experiment
-        if own:
-            parts[:0] = [name.name]
-        if another and (arguments.robot or not own):
-            parts[:0] = [robot_name]
-        name = motion if shipped else name.parent / motion
-    elif arguments.robot and another:
-        parts[:0] = [robot_name]
-    return name.with_name("_".join(filter(None, parts)))
-
-
-@contextmanager
-def _progress_bar() -> Iterator[Progress]:
-    """Yields a callback that draws how far the simulation is, on stderr."""
-    from rich import progress
-    from rich.console import Console
-
-    columns = (
-        progress.TextColumn("simulating"),
-        progress.BarColumn(),
-        progress.TextColumn("{task.completed:.1f} s of {task.fields[of]:.1f} s"),
-        progress.TextColumn("{task.fields[factor]:.2f} x real time"),
-        progress.TimeRemainingColumn(),
-    )
-    bar = progress.Progress(*columns, console=Console(stderr=True))
-
-    def show(time: float, duration: float, factor: float) -> None:
-        if not bar.tasks:  # a run that cannot begin shows no bar
-            bar.start()
-            bar.add_task("", of=duration, factor=factor)
-        task = bar.task_ids[0]
-        bar.update(task, completed=time, total=duration, factor=factor)
-
-    try:
-        yield show
-    finally:
-        if bar.tasks:
-            bar.stop()
+    parts = [
+        *(each.name for each in files),
+        robot_name(arguments.robot or ""),
+        arguments.tasks,
+        *(re.sub(r"[^\w.-]+", "_", each) for each in settings),
+    ]
+    name = "_".join(filter(None, parts))
+    return Path(*(each.parent for each in files)) / name

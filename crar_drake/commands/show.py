@@ -74,7 +74,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         action="append",
         metavar="TEXT",
         help="what to call one of several, once for each in their order (default: "
-        "what they differ in)",
+        "its file or folder)",
     )
     group.add_argument(
         "--clip", metavar="NAME", help="which motion of files that hold several"
@@ -94,12 +94,10 @@ def run(arguments: argparse.Namespace) -> None:
 
         _refuse_others(arguments, "what is at hand")
         print_what_is_at_hand()
-    elif len(files) > 1:
-        _show_several(arguments)
-    elif (log := _log_of(files[0])) is not None:
-        _show_log(arguments, log)
-    else:
+    elif len(files) == 1 and (log := _log_of(files[0])) is None:
         _show_motion(arguments, files[0])
+    else:
+        _make_page(arguments, [log] if len(files) == 1 else list(map(Path, files)))
 
 
 def _refuse_others(arguments: argparse.Namespace, what: str) -> None:
@@ -186,54 +184,44 @@ def _describe_reference(arguments: argparse.Namespace, motion: str, plot: Path) 
 # --- pages ------------------------------------------------------------------------
 
 
-def _show_log(arguments: argparse.Namespace, path: Path) -> None:
-    from crar_drake.files import check_file
-    from crar_drake.results.log import SimulationLog
-    from crar_drake.results.playback import record_logs
-
-    _refuse_others(arguments, "a log")
-    log = SimulationLog.load(path)
-    out = arguments.out or path.with_name("playback.html")
-    check_file(out)
-    tell_drawn(record_logs([log], out, robot=arguments.robot or ""))
-    print(out)
-
-
-def _show_several(arguments: argparse.Namespace) -> None:
-    """One page of several runs, or of several motions of a robot."""
+def _make_page(arguments: argparse.Namespace, paths: list[Path]) -> None:
+    """The page of one run or of several, or of several motions of a robot."""
     from crar_drake.files import check_file
     from crar_drake.motion.robots_own import holds_reference
     from crar_drake.results import LOG
     from crar_drake.results.log import SimulationLog
-    from crar_drake.results.playback import distinct_labels, record_logs
+    from crar_drake.results.playback import record_logs
 
-    paths = [Path(file) for file in arguments.files]
     paths = [path / LOG if path.is_dir() else path for path in paths]
-    references = [path for path in paths if holds_reference(path)]
-    _refuse_others(
-        arguments, "several motions of a robot" if references else "several logs"
-    )
+    single = len(paths) == 1
+    references = [] if single else [path for path in paths if holds_reference(path)]
+    several = "several motions of a robot" if references else "several logs"
+    _refuse_others(arguments, "a log" if single else several)
     labels = arguments.label
     if labels is not None and len(labels) != len(paths):
         raise UsageError(
             f"--label: given {len(labels)} times for {len(paths)} files; give it once "
             "for each, or not at all"
         )
-    out = arguments.out or OUT / "compare.html"
+    default = paths[0].with_name("playback.html") if single else OUT / "compare.html"
+    out = arguments.out or default
     check_file(out)
+    labels = labels or _file_labels(paths)
     if references:
-        _show_references(arguments, paths, references, out)
+        _show_references(arguments, paths, references, labels, out)
     else:
         logs = [SimulationLog.load(path) for path in paths]
-        folders = [path.absolute().parent.name for path in paths]
-        labels = labels or distinct_labels(logs, folders)
         robot, overlay = arguments.robot or "", arguments.overlay
         tell_drawn(record_logs(logs, out, labels=labels, overlay=overlay, robot=robot))
     print(out)
 
 
 def _show_references(
-    arguments: argparse.Namespace, paths: list[Path], references: list[Path], out: Path
+    arguments: argparse.Namespace,
+    paths: list[Path],
+    references: list[Path],
+    labels: list[str],
+    out: Path,
 ) -> None:
     from crar_drake.results.motion_page import compare_files
 
@@ -251,7 +239,7 @@ def _show_references(
         paths,
         out,
         whole_body_name(arguments.robot),
-        labels=arguments.label or _file_labels(paths),
+        labels=labels,
         layout=arguments.layout,
         rate=arguments.frame_rate,
         clip=arguments.clip,

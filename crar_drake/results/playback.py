@@ -62,7 +62,7 @@ def record_logs(
         logs: from `SimulationLog.load`, or of a run just made; at most as many as
             `marks.RUNS`.
         path: of the .html file; appears whole or not at all.
-        labels: what to call each of several runs, see `distinct_labels`.
+        labels: what to call each of several runs.
         overlay: whether the robots are laid over each other when the page opens; else
             they are side by side. The page has a button for it.
         robot: where the robot is now, or its name; by default what the logs say.
@@ -212,39 +212,6 @@ def _curves(log: SimulationLog) -> dict:
         "error_curve": error,
         "error_unit": unit if rows.size else "",
     }
-
-
-def distinct_labels(logs: Sequence[SimulationLog], names: Sequence[str]) -> list[str]:
-    """What to call each of several runs: that in which they differ.
-
-    Args:
-        names: of each log, such as its folder; added where nothing else differs.
-
-    Raises:
-        ScenarioError: a scenario in the logs is not one of this version.
-    """
-    scenarios = [load_logged_scenario(log) for log in logs]
-    traits = [
-        [scenario.controller.constraints for scenario in scenarios],
-        [f"{scenario.controller.level} level" for scenario in scenarios],
-        [scenario.experiment or "own tasks" for scenario in scenarios],
-        [motion_name(scenario.motion) for scenario in scenarios],
-        [robot_name(scenario.robot) for scenario in scenarios],
-    ]
-    differing = [trait for trait in traits if len(set(trait)) > 1]
-    labels = [", ".join(parts) for parts in zip(*differing, strict=True)]
-    labels = labels or [""] * len(logs)
-    if len(set(labels)) == len(labels):
-        return labels
-    named = [
-        f"{label} ({name})" if label else name
-        for label, name in zip(labels, names, strict=True)
-    ]
-    # The same folder twice.
-    return [
-        f"{label} {i + 1}" if named.count(label) > 1 else label
-        for i, label in enumerate(named)
-    ]
 
 
 def _title(summaries: Sequence[Summary]) -> str:

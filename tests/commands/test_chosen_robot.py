@@ -33,7 +33,7 @@ def test_run_takes_a_robot_a_motion_and_an_experiment(empty_folder, capsys):
     shutil.copytree(data_folder("models") / "upper_body", empty_folder / "mine")
     argv = ["run", "--robot", "mine", "--motion", "boxing", "--tasks", "wrists"]
     assert main([*argv, "--duration", "0.05", "--no-page"]) == 0
-    log = SimulationLog.load("out/mine_boxing_wrists/log.npz")
+    log = SimulationLog.load("out/dance_boxing_mine_wrists/log.npz")
     scenario = parse_scenario(log.scenario)
     assert Path(scenario.robot) == empty_folder / "mine"
     assert (scenario.motion, scenario.experiment) == ("boxing", "wrists")
@@ -41,7 +41,7 @@ def test_run_takes_a_robot_a_motion_and_an_experiment(empty_folder, capsys):
     # A robot alone names its folder, too.
     argv = ["run", "dance_wrists", "--robot", "mine", "--duration", "0.05"]
     assert main([*argv, "--no-page"]) == 0
-    assert (empty_folder / "out/mine_dance_wrists/log.npz").is_file()
+    assert (empty_folder / "out/dance_wrists_mine/log.npz").is_file()
 
 
 @pytest.mark.parametrize("command", ["run", "play"])

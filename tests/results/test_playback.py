@@ -15,7 +15,7 @@ from crar_drake.law.tasks import TaskLayout
 from crar_drake.results import marks
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
-from crar_drake.results.playback import distinct_labels, record_logs
+from crar_drake.results.playback import record_logs
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, position_tasks
@@ -365,8 +365,7 @@ def test_two_runs_in_one_page(log, browser, tmp_path):
     modes = ("none", "lookahead")
     runs = [at_rate(8.0, named(log, "dance", mode)) for mode in modes]
     runs[0].signed_distances[150, 0] = -0.03
-    labels = distinct_labels(runs, ["a", "b"])
-    assert labels == ["none", "lookahead"]
+    labels = ["none", "lookahead"]
     page = tmp_path / "compare.html"
     record_logs(runs, page, labels=labels)
     data = read_data(page)
@@ -394,23 +393,6 @@ def test_two_runs_in_one_page(log, browser, tmp_path):
     browser.press("KeyO", "o")
     assert len(browser.evaluate(views)) == 2
     assert browser.complaints == []
-
-
-def test_labels_tell_runs_apart(log):
-    none, ours = named(log, "dance", "none"), named(log, "dance", "lookahead")
-    other = named(log, "reaching", "none")
-    assert distinct_labels([none, ours, other], "abc") == [
-        "none, dance",
-        "lookahead, dance",
-        "none, reaching",
-    ]
-    assert distinct_labels([none, none], ["a", "b"]) == ["a", "b"]
-    assert distinct_labels([none, none], ["a", "a"]) == ["a 1", "a 2"]
-    assert distinct_labels([none, none, ours], "abc") == [
-        "none (a)",
-        "none (b)",
-        "lookahead (c)",
-    ]
 
 
 def test_none_or_too_many_to_compare(log, tmp_path):

@@ -3,16 +3,10 @@
 // A slider of a quantity that is not 0, on a logarithmic scale.
 function makeSlider(place, { id, name, range, unit, digits, onMove }) {
   const [least, most] = range;
-  const label = document.createElement("label");
-  label.className = "slider";
-  const input = document.createElement("input");
   const [min, max] = range.map(Math.log);
-  Object.assign(input, { type: "range", id, min, max, step: (max - min) / 200 });
-  const told = document.createElement("output");
-  const text = document.createElement("span");
-  text.textContent = name;
-  label.append(text, input, told);
-  place.append(label);
+  const input = make("input", { type: "range", id, min, max, step: (max - min) / 200 });
+  const told = make("output", {});
+  place.append(make("label", { className: "slider" }, make("span", {}, name), input, told));
   const tell = value => { told.textContent = `${value.toFixed(digits)} ${unit}`; };
   let touched = -Infinity;
   input.addEventListener("input", () => {
@@ -35,9 +29,6 @@ function makeSlider(place, { id, name, range, unit, digits, onMove }) {
 
 function makePanel(data, state, ask) {
   const element = name => document.getElementById(`live-${name}`);
-  const option = (value, text) => Object.assign(
-    document.createElement("option"), { value, textContent: text });
-
   const speed = makeSlider(element("speed"), {
     id: "live-speed-slider", name: "speed", range: data.speeds, unit: "×",
     digits: 2, onMove: value => ask({ do: "speed", value }),
@@ -48,7 +39,8 @@ function makePanel(data, state, ask) {
     element("ball-speed").textContent = `drag the brown ball: ${data.ball.speed} m/s at most`;
   // Hands are what people want to move.
   const hand = names => Math.max(0, names.findIndex(name => /wrist|hand|tool/.test(name)));
-  element("frame").append(...data.frames.map(({ name, label }) => option(name, label)));
+  element("frame").append(
+    ...data.frames.map(({ name, label }) => make("option", { value: name }, label)));
   element("frame").selectedIndex = hand(data.frames.map(({ name }) => name));
   const force = makeSlider(element("force"), {
     id: "live-force-slider", name: "force", range: [10, data.strongest], unit: "N",
@@ -100,16 +92,9 @@ function makePanel(data, state, ask) {
     element("motion").textContent = frame.motion ? "motion on" : "motion off";
     speed.show(frame.speed);
     [element("promise").className, element("promise").textContent] = frame.promise;
-    const rows = frame.near.slice(0, 6).map(([pair, d]) => {
-      const row = document.createElement("li");
-      const name = document.createElement("span");
-      const value = document.createElement("b");
-      name.textContent = data.pairs[pair];
-      value.textContent = millimetres(d);
-      if (d < 0) value.className = "bad";
-      row.append(name, value);
-      return row;
-    });
+    const rows = frame.near.slice(0, 6).map(([pair, d]) => make(
+      "li", {}, make("span", {}, data.pairs[pair]),
+      make("b", { className: d < 0 ? "bad" : "" }, millimetres(d))));
     element("pairs").replaceChildren(...rows);
     notice(frame.notice);
   }

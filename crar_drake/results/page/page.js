@@ -12,13 +12,6 @@ function unpackArray(planes, frames) {
   return new Float32Array(bytes.buffer);
 }
 
-function swatch(colour) {
-  const place = document.createElement("span");
-  place.className = "swatch";
-  place.style.background = colour;
-  return place;
-}
-
 const PLAY = "M4 2.5 14 8 4 13.5Z";
 const PAUSE = "M4 3h3v10H4zM9 3h3v10H9z";
 
@@ -36,24 +29,10 @@ function writeCaption(data, runs) {
   place.querySelector("p").textContent = data.subtitle;
   const list = place.querySelector("ul");
   for (const run of runs) {
-    const items = run.figures.map(({ name, value, bad }) => {
-      const item = document.createElement("li");
-      const figure = document.createElement("b");
-      figure.textContent = value;
-      if (bad) figure.className = "bad";
-      item.append(`${name} `, figure);
-      return item;
-    });
-    if (runs.length === 1) list.append(...items);
-    else {
-      const row = document.createElement("ul");
-      const head = document.createElement("li");
-      const name = document.createElement("b");
-      name.textContent = run.label;
-      head.append(swatch(run.colour), name);
-      row.append(head, ...items);
-      list.append(row);
-    }
+    const items = run.figures.map(({ name, value, bad }) => make(
+      "li", {}, `${name} `, make("b", { className: bad ? "bad" : "" }, value)));
+    const head = make("li", {}, swatch(run.colour), make("b", {}, run.label));
+    list.append(...runs.length === 1 ? items : [make("ul", {}, head, ...items)]);
   }
 }
 
@@ -63,41 +42,33 @@ function writeLegend(data, runs) {
   const { target, obstacle, violation } = data.colours;
   const warning = runs[0].warning;
   const at = data.nearness.steps.map(step => Math.round(1000 * step * warning));
-  function entry(text, paint) {
-    const item = document.createElement("li");
+  function entry(text, ...shapes) {
+    const item = make("li", {});
     const svg = draw(item, "svg", { width: 34, height: 14, viewBox: "0 0 34 14" });
-    paint(svg);
+    for (const [name, attributes] of shapes) draw(svg, name, attributes);
     item.append(text);
     list.append(item);
   }
+  const disc = (cx, r, attributes) => ["circle", { cx, cy: 7, r, ...attributes }];
   if (runs.some(run => run.targetNames.length)) {
-    entry("target", svg => draw(svg, "circle", { cx: 17, cy: 7, r: 5.5, fill: target }));
-    entry("the point that should be there", svg => {
-      draw(svg, "line", { x1: 6, x2: 28, y1: 7, y2: 7, stroke: target, "stroke-width": 2 });
-      draw(svg, "circle", { cx: 6, cy: 7, r: 3, fill: "#fff", stroke: target });
-      draw(svg, "circle", { cx: 28, cy: 7, r: 5, fill: target });
-    });
+    entry("target", disc(17, 5.5, { fill: target }));
+    const line = { x1: 6, x2: 28, y1: 7, y2: 7, stroke: target, "stroke-width": 2 };
+    entry("the point that should be there", ["line", line],
+      disc(6, 3, { fill: "#fff", stroke: target }), disc(28, 5, { fill: target }));
   }
   if (data.robots.some(robot => robot.spheres)) {
-    entry("obstacle that moves", svg => draw(svg, "circle", {
-      cx: 17, cy: 7, r: 6.5, fill: obstacle, "fill-opacity": 0.75,
-    }));
+    entry("obstacle that moves", disc(17, 6.5, { fill: obstacle, "fill-opacity": 0.75 }));
   }
   if (warning && runs.some(run => run.pairNames.length)) {
-    entry(`links near each other: ${at.join(", ")} mm`, svg => {
-      [far, middle, near].forEach((fill, i) => draw(svg, "circle", {
-        cx: 5 + 11 * i, cy: 7, r: 4 + i, fill, "fill-opacity": 0.45 + 0.25 * i,
-      }));
-    });
+    entry(`links near each other: ${at.join(", ")} mm`, ...[far, middle, near].map(
+      (fill, i) => disc(5 + 11 * i, 4 + i, { fill, "fill-opacity": 0.45 + 0.25 * i })));
   }
   if (runs.some(run => run.pairNames.length)) {
-    entry(data.texts.inside, svg => draw(svg, "circle", {
-      cx: 17, cy: 7, r: 6.5, fill: violation,
-    }));
+    entry(data.texts.inside, disc(17, 6.5, { fill: violation }));
   }
   for (const [name, colour] of Object.entries(data.spans)) {
     if (runs.some(run => run.spans[name].length)) {
-      entry(name, svg => draw(svg, "rect", { x: 2, y: 4, width: 30, height: 6, fill: colour }));
+      entry(name, ["rect", { x: 2, y: 4, width: 30, height: 6, fill: colour }]);
     }
   }
   const small = window.matchMedia("(max-width: 720px), (max-height: 560px)");

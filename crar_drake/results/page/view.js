@@ -9,6 +9,15 @@ const HEADINGS = { // of the camera, as seen from the robot: azimuth, elevation 
 };
 const GHOST = 0.5; // opacity of the second run and later ones, laid over
 
+// An element with properties, and what is in it.
+function make(tag, properties, ...children) {
+  const node = Object.assign(document.createElement(tag), properties);
+  node.append(...children);
+  return node;
+}
+
+const swatch = colour => make("span", { className: "swatch", style: `background: ${colour}` });
+
 // Meshcat's scene has z upwards, its camera is placed in a frame with y upwards.
 const upright = ([x, y, z]) => [x, z, -y];
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -62,8 +71,7 @@ function makeStage(data, runs, element) {
 
   element.append(viewer.dom_element, viewer.gui.domElement);
   viewer.gui.domElement.style.display = "none";
-  const canvas = document.createElement("canvas");
-  canvas.id = "crar-marks";
+  const canvas = make("canvas", { id: "crar-marks" });
   element.append(canvas);
   // Drawn by the processor: else Chromium may show older marks again once they are
   // cleared and none is drawn.
@@ -105,16 +113,9 @@ function makeStage(data, runs, element) {
     element.querySelectorAll(".view-label").forEach(old => old.remove());
     if (runs.length < 2) return;
     for (const view of stage.views) {
-      const place = document.createElement("div");
-      place.className = "view-label";
-      place.style.left = `${view.x}px`;
-      place.style.top = `${view.y}px`;
-      for (const run of view.runs) {
-        const line = document.createElement("div");
-        line.append(swatch(run.colour), run.label);
-        place.append(line);
-      }
-      element.append(place);
+      const lines = view.runs.map(run => make("div", {}, swatch(run.colour), run.label));
+      const style = `left: ${view.x}px; top: ${view.y}px`;
+      element.append(make("div", { className: "view-label", style }, ...lines));
     }
   }
 

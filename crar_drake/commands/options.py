@@ -289,23 +289,23 @@ def changed_scenario(scenario: Scenario, arguments: argparse.Namespace) -> Scena
         ScenarioError: it has no motion or no experiment to be replaced, or a setting
             is none of a scenario.
     """
-    if arguments.motion is not None:
-        if scenario.keyframes:
+    for option, key, own in (
+        ("motion", "motion", "keyframes"),
+        ("tasks", "experiment", "tasks"),
+    ):
+        value = getattr(arguments, option)
+        if value is None:
+            continue
+        if getattr(scenario, own):
             raise ScenarioError(
-                f"--motion: {arguments.scenario} follows keyframes of its own; take a "
-                "scenario with a motion, or change the file"
+                f"--{option}: {arguments.scenario} has {own} of its own; take a "
+                f"scenario with {key}, or change the file"
             )
+        setattr(scenario, key, value)
+    if arguments.motion is not None:
         # What the scenario says of its motion's file belongs to that one.
-        scenario.motion = arguments.motion
         for name in FILE_OPTIONS:
             setattr(scenario, name, None if name == "frame_rate" else "")
-    if arguments.tasks is not None:
-        if scenario.tasks:
-            raise ScenarioError(
-                f"--tasks: {arguments.scenario} lists tasks of its own; take a "
-                "scenario with an experiment, or change the file"
-            )
-        scenario.experiment = arguments.tasks
     if arguments.robot is not None:
         scenario.robot = arguments.robot
     for setting in arguments.set:

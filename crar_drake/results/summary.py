@@ -77,9 +77,8 @@ class Summary:
     # the farthest that a controlled joint is beyond a limit, 0 if none is [rad]
     largest_excess: float
     largest_excess_joint: str  # that joint; "" if none
-    # samples with any controlled joint faster than its limit by more than 1e-6 rad/s.
-    # They are no part of `violated_samples`, which is comparable with summaries from
-    # before speeds were limited.
+    # samples with any controlled joint faster than its limit by more than 1e-6 rad/s;
+    # they are no part of `violated_samples`
     beyond_speed_samples: int
     joints_beyond_speed: dict[str, int]  # each such joint to its number of samples
     # by how much a controlled joint is too fast at most, 0 if none is [rad/s]

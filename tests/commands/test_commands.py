@@ -359,7 +359,7 @@ def test_without_a_command_help_is_printed(capsys):
         ("run --motion nowhere/05_02.amc", "nowhere/05_02.amc: there is no such"),
         ("run --motion cmu:99_99", "99.asf from http://mocap.cs.cmu.edu"),
         ("run obstacle_arm --skeleton x.asf", "--skeleton: obstacle_arm follows"),
-        ("run obstacle_arm --tasks wrists", "obstacle_arm lists tasks of its own"),
+        ("run obstacle_arm --tasks wrists", "obstacle_arm has tasks of its own"),
         ("run --skeleton x.asf", "'dance' has its own skeleton"),
         ("run obstacle_arm --frame-rate 60", "frame_rate: keyframes have times"),
         ("show dance --frame-rate fast", "'fast' is not a positive number"),

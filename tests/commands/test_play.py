@@ -161,7 +161,7 @@ def judge(log: SimulationLog) -> None:
     "arguments, why",
     [
         (["--speed", "-1"], "'-1' is not a positive number"),
-        (["obstacle_arm", "--motion", "dance"], "follows keyframes of its own"),
+        (["obstacle_arm", "--motion", "dance"], "has keyframes of its own"),
         (["--host", ""], "--host is empty"),
         (["--host", "b\u00fccher..de"], "is no address of a computer"),
         (["--host", "192.0.2.1"], "--host must be an address of this computer"),

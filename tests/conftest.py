@@ -11,6 +11,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import gc
 import pickle
+import signal
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -74,6 +75,40 @@ def no_new_processes(monkeypatch):
     for module in list(sys.modules.values()):
         if vars(module).get("FreshProcesses") is FreshProcesses:
             monkeypatch.setattr(module, "FreshProcesses", OneThread)
+
+
+@pytest.fixture
+def refused(capsys):
+    """Runs a command line that must be refused; its message, without a traceback.
+    Nothing is to be written into `out`, below the working directory."""
+    from crar_drake.commands import main
+
+    def run(*argv: str) -> str:
+        assert main(argv) == 2
+        output = capsys.readouterr()
+        assert output.out == ""
+        assert output.err.startswith("crar-drake: error: ")
+        assert output.err.count("\n") == 1, "one line"
+        assert not Path("out").exists(), "nothing is written"
+        return output.err
+
+    return run
+
+
+@pytest.fixture
+def usual_signals():
+    """A background job may have been started with signals ignored; and who handles
+    them in a test puts back what was there."""
+    usual = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: signal.SIG_DFL,
+        signal.SIGHUP: signal.SIG_DFL,
+    }
+    before = {n: signal.signal(n, handler) for n, handler in usual.items()}
+    yield
+    assert {n: signal.getsignal(n) for n in usual} == usual
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture(scope="session")

@@ -12,20 +12,7 @@ from crar_drake.interrupts import ENDS, held_interrupts
 
 SIGINT, SIGTERM, SIGHUP = ENDS
 
-
-@pytest.fixture(autouse=True)
-def usual():
-    """A background job may have been started with signals ignored."""
-    handlers = {
-        SIGINT: signal.default_int_handler,
-        SIGTERM: signal.SIG_DFL,
-        SIGHUP: signal.SIG_DFL,
-    }
-    before = {n: signal.signal(n, handler) for n, handler in handlers.items()}
-    yield
-    assert {n: signal.getsignal(n) for n in handlers} == handlers
-    for number, handler in before.items():
-        signal.signal(number, handler)
+pytestmark = pytest.mark.usefixtures("usual_signals")
 
 
 def doing(monkeypatch, command) -> int:

@@ -156,28 +156,13 @@ def test_an_error_in_the_first_sample_leaves_all_as_it_was(any_it, monkeypatch, 
 # --- Ctrl-C -----------------------------------------------------------------------
 
 
-@pytest.fixture
-def interruptible():
-    """A background job may have been started with signals ignored."""
-    usual = {
-        signal.SIGINT: signal.default_int_handler,
-        signal.SIGTERM: signal.SIG_DFL,
-        signal.SIGHUP: signal.SIG_DFL,
-    }
-    before = {n: signal.signal(n, handler) for n, handler in usual.items()}
-    yield
-    assert {n: signal.getsignal(n) for n in usual} == usual
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
 def interrupt() -> None:
     signal.raise_signal(signal.SIGINT)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_run_is_kept(
-    it, monkeypatch, capsys, whole, interruptible, number
+    it, monkeypatch, capsys, whole, usual_signals, number
 ):
     """By Ctrl-C, by `kill`, or by a terminal that goes away."""
     in_the_middle(monkeypatch, lambda: signal.raise_signal(number))
@@ -191,7 +176,7 @@ def test_an_interrupted_run_is_kept(
 
 
 def test_a_second_interrupt_does_not_wait_for_the_step(
-    it, monkeypatch, whole, interruptible
+    it, monkeypatch, whole, usual_signals
 ):
     def twice():
         interrupt()
@@ -204,7 +189,7 @@ def test_a_second_interrupt_does_not_wait_for_the_step(
 
 @pytest.mark.parametrize("first", ["while simulating", "while writing"])
 def test_an_interrupt_while_writing_ends_cleanly(
-    it, monkeypatch, capsys, interruptible, first
+    it, monkeypatch, capsys, usual_signals, first
 ):
     if first == "while simulating":
         in_the_middle(monkeypatch, interrupt)

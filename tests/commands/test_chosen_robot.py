@@ -22,13 +22,6 @@ def empty_folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def refused(capsys, *argv: str) -> str:
-    assert main(argv) == 2
-    err = capsys.readouterr().err
-    assert err.count("\n") == 1
-    return err
-
-
 def test_run_takes_a_robot_a_motion_and_an_experiment(empty_folder, capsys):
     shutil.copytree(data_folder("models") / "upper_body", empty_folder / "mine")
     argv = ["run", "--robot", "mine", "--motion", "boxing", "--tasks", "wrists"]
@@ -46,24 +39,24 @@ def test_run_takes_a_robot_a_motion_and_an_experiment(empty_folder, capsys):
 
 @pytest.mark.parametrize("command", ["run", "play"])
 @pytest.mark.parametrize("before", [[], ["--motion"]])
-def test_a_robots_own_motion_is_recognised(command, before, empty_folder, capsys):
+def test_a_robots_own_motion_is_recognised(command, before, empty_folder, refused):
     (empty_folder / "dance.csv").write_text("0,0,0.7,0,0,0,1,0.1,0.2\n" * 3)
-    told = refused(capsys, command, *before, "dance.csv")
+    told = refused(command, *before, "dance.csv")
     assert "dance.csv is a motion of a robot's own joints" in told
     assert "crar-drake judge" in told and "crar-drake clean" in told
 
 
-def test_a_persons_motion_is_no_scenario(empty_folder, capsys):
+def test_a_persons_motion_is_no_scenario(empty_folder, refused):
     (empty_folder / "walk.bvh").write_text("HIERARCHY\n")
-    told = refused(capsys, "run", "walk.bvh")
+    told = refused("run", "walk.bvh")
     assert "give it as --motion walk.bvh" in told
 
 
-def test_a_base_that_floats_is_refused_where_the_law_moves_it(empty_folder, capsys):
+def test_a_base_that_floats_is_refused_where_the_law_moves_it(empty_folder, refused):
     """By its name, and with what to do instead."""
     (empty_folder / "mine").mkdir()
     walker(empty_folder / "mine")
-    told = refused(capsys, "run", "--robot", "mine")
+    told = refused("run", "--robot", "mine")
     assert "root: prescribed: its base 'pelvis' floats" in told
     assert "root: fixed" in told and "crar-drake retarget" in told
     with pytest.raises(ModelError, match="'pelvis' floats"):

@@ -41,17 +41,6 @@ def names(folder) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def refused(capsys, *argv: str) -> str:
-    """The message of a command line that must be refused, with nothing written."""
-    assert main(argv) == 2
-    output = capsys.readouterr()
-    assert output.out == ""
-    assert output.err.startswith("crar-drake: error: ")
-    assert output.err.count("\n") == 1, "one line, no traceback"
-    assert not os.path.exists("out")
-    return output.err
-
-
 # --- run --------------------------------------------------------------------------
 
 
@@ -150,7 +139,7 @@ def test_motions_of_one_name_have_folders_of_their_own(
 )
 @pytest.mark.parametrize("place", ["file/below", "locked"])
 def test_impossible_places_are_refused_before_the_work(
-    command, place, empty_folder, capsys, monkeypatch
+    command, place, empty_folder, monkeypatch, refused
 ):
     small_log().save("log.npz")
     Path("file").write_text("")
@@ -168,15 +157,15 @@ def test_impossible_places_are_refused_before_the_work(
         if name.endswith("run_scenario") and command.startswith("run "):
             continue  # it looks itself, first of all
         monkeypatch.setattr(name, lambda *a, **k: pytest.fail("too late"))
-    message = refused(capsys, *command.format(place).split())
+    message = refused(*command.format(place).split())
     assert "name another folder" in message
     assert names(empty_folder) == ["file", "locked", "log.npz"]
 
 
-def test_pictures_of_no_known_format_are_refused(empty_folder, capsys):
-    message = refused(capsys, *"show dance --plot x.xyz".split())
+def test_pictures_of_no_known_format_are_refused(empty_folder, refused):
+    message = refused(*"show dance --plot x.xyz".split())
     assert "x.xyz" in message and ".png" in message and ".pdf" in message
-    message = refused(capsys, *"show dance --plot picture".split())
+    message = refused(*"show dance --plot picture".split())
     assert "picture: there is no suffix" in message
     assert names(empty_folder) == []
 
@@ -220,21 +209,21 @@ def test_output_that_nobody_can_take_is_no_traceback():
         ("shapes.npz", "array 'q' is of shape (2,)"),
     ],
 )
-def test_what_is_no_log_is_refused(command, name, told, empty_folder, capsys):
+def test_what_is_no_log_is_refused(command, name, told, empty_folder, refused):
     matplotlib.image.imsave("picture.png", np.zeros((9, 9)))
     arrays = vars(small_log())
     np.savez("pickled.npz", **{**arrays, "q": np.array([print], dtype=object)})
     np.savez("shapes.npz", **{**arrays, "q": np.zeros(2)})
-    message = refused(capsys, command, name)
+    message = refused(command, name)
     assert told in message
     assert "pickle" not in message.lower().replace(f"{name}:", "")
     asked = command == "judge" and name != "."  # whether it is a motion instead
     assert ("nor is it a reference motion" in message) == asked
 
 
-def test_judging_a_log_of_another_model_is_refused(empty_folder, capsys):
+def test_judging_a_log_of_another_model_is_refused(empty_folder, refused):
     small_log().save("log.npz")
-    assert "was made with another model" in refused(capsys, "judge", "log.npz")
+    assert "was made with another model" in refused("judge", "log.npz")
 
 
 @pytest.fixture(scope="module")
@@ -370,8 +359,8 @@ def test_without_a_command_help_is_printed(capsys):
         ("show a.npz b.npz --clip x", "--clip is of several motions of a robot, not"),
     ],
 )
-def test_mistakes_are_refused(command, expected, empty_folder, capsys):
-    assert expected in refused(capsys, *command.split())
+def test_mistakes_are_refused(command, expected, empty_folder, refused):
+    assert expected in refused(*command.split())
 
 
 @pytest.mark.parametrize(
@@ -383,9 +372,9 @@ def test_mistakes_are_refused(command, expected, empty_folder, capsys):
         (["retarget", "dance", "--robot", "g1", "--out", ""], "--out"),
     ],
 )
-def test_nothing_is_not_the_working_directory(argv, option, empty_folder, capsys):
+def test_nothing_is_not_the_working_directory(argv, option, empty_folder, refused):
     """A shell makes nothing of a variable that is not set."""
-    said = refused(capsys, *argv)
+    said = refused(*argv)
     assert option in said and "it is empty" in said
 
 

@@ -20,13 +20,6 @@ from crar_drake.simulation.scenario import load_scenario, parse_scenario
 SHIPPED = (data_folder("diagrams") / "obstacle_arm.yaml").read_text()
 
 
-def refused(capsys, *argv: str) -> str:
-    assert main(argv) == 2
-    output = capsys.readouterr()
-    assert output.err.count("\n") == 1, "one line, no traceback"
-    return output.err
-
-
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
     """A folder with a robot of its own and a scenario that names it relatively."""
@@ -47,7 +40,7 @@ def run(scenario: str) -> None:
 
 @pytest.mark.parametrize("scenario", ["folder", "file"])
 def test_playback_and_judge_from_another_folder(
-    scenario, project, tmp_path, monkeypatch, capsys
+    scenario, project, tmp_path, monkeypatch, capsys, refused
 ):
     # The scenario is named relatively, too, from a third place.
     (project / "runs").mkdir()
@@ -65,7 +58,7 @@ def test_playback_and_judge_from_another_folder(
 
 
 def test_a_robot_that_moved_is_named_and_can_be_given(
-    project, tmp_path, monkeypatch, capsys
+    project, tmp_path, monkeypatch, capsys, refused
 ):
     monkeypatch.chdir(project)
     run("folder.yaml")
@@ -73,14 +66,14 @@ def test_a_robot_that_moved_is_named_and_can_be_given(
     moved = (project / "robots").rename(tmp_path / "moved")
     monkeypatch.chdir(tmp_path)
     for command in ("judge", "show"):
-        message = refused(capsys, command, "project/log/log.npz")
+        message = refused(command, "project/log/log.npz")
         assert str(project / "robots" / "arm" / "robot.yaml") in message
         assert "--robot" in message
     argv = ["judge", "project/log/log.npz", "--robot", str(moved / "arm")]
     assert main(argv) == 0
     assert "0 in penetration" in capsys.readouterr().out
     # Another robot than that of the run is told from it.
-    assert "nor a frame 'tool'" in refused(capsys, *argv[:-1], "upper_body")
+    assert "nor a frame 'tool'" in refused(*argv[:-1], "upper_body")
 
 
 def test_a_name_stays_a_name(monkeypatch, tmp_path):
@@ -95,7 +88,7 @@ def test_a_name_stays_a_name(monkeypatch, tmp_path):
 
 
 def test_an_import_that_is_not_in_the_cache_names_the_command(
-    tmp_path, monkeypatch, capsys
+    tmp_path, monkeypatch, refused
 ):
     monkeypatch.chdir(tmp_path)
     scenario = load_scenario("obstacle_arm")
@@ -111,9 +104,9 @@ def test_an_import_that_is_not_in_the_cache_names_the_command(
         imported = log.scenario.replace("robot: obstacle_arm", f"robot: {robot}")
         replace(log, scenario=imported).save("log.npz")
         for argv in (["judge", "log.npz"], ["show", "log.npz"]):
-            assert command in refused(capsys, *argv)
+            assert command in refused(*argv)
         Path("s.yaml").write_text(f"robot: {robot}\nmotion: dance\nexperiment: wrists")
-        assert command in refused(capsys, "run", "s.yaml")
+        assert command in refused("run", "s.yaml")
     assert not Path("playback.html").exists()
 
 
@@ -127,7 +120,7 @@ def test_a_mistyped_path_says_where_it_was_looked_for(project, tmp_path, monkeyp
         assert words in str(caught.value)
 
 
-def test_a_robot_that_changed_is_refused(project, monkeypatch, capsys):
+def test_a_robot_that_changed_is_refused(project, monkeypatch, capsys, refused):
     monkeypatch.chdir(project)
     run("folder.yaml")
     capsys.readouterr()
@@ -138,7 +131,7 @@ def test_a_robot_that_changed_is_refused(project, monkeypatch, capsys):
     log = SimulationLog.load("log/log.npz")
     assert len(load_logged_robot(log).pairs) == len(log.pair_names) - 1
     for command in ("judge", "show"):
-        message = refused(capsys, command, "log/log.npz")
+        message = refused(command, "log/log.npz")
         assert "14 watched pairs but robot obstacle_arm 13" in message
     with pytest.raises(ModelError, match="no robot 'gone'"):
         load_logged_robot(log, robot="gone")

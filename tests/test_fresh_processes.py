@@ -6,9 +6,8 @@ from concurrent.futures import Future, as_completed
 
 import pytest
 
-from crar_drake.batches import in_batches
 from crar_drake.errors import CrarError
-from crar_drake.fresh_processes import FreshProcesses
+from crar_drake.fresh_processes import FreshProcesses, in_batches
 
 
 def process_and_threads(_: int) -> tuple[int, str]:

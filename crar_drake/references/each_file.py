@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from crar_drake.batches import in_batches
 from crar_drake.errors import CrarError, NoMotionError
-from crar_drake.fresh_processes import given_or_fresh
+from crar_drake.fresh_processes import given_or_fresh, in_batches
 
 # A process that has worked for so long gives back what it has [s].
 _LONG = 60.0

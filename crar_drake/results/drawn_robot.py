@@ -45,6 +45,7 @@ class DrawnRobot:
 
     Attributes:
         description: of the robot.
+        prefix: the path in Meshcat under which its links are.
         plant: with the robot in it and nothing else.
         scene_graph: where it is registered.
         unseen: the models whose collision shapes are drawn, for want of anything else.
@@ -64,14 +65,14 @@ class DrawnRobot:
         """
         Args:
             meshcat: to draw into.
-            prefix: the path in Meshcat under which its links are.
+            prefix: see above.
             colour: of what has none.
             spheres: (N,) radii of obstacles that move, drawn beside it [m].
 
         Raises:
             ModelError: the robot's model cannot be loaded.
         """
-        self.description = description
+        self.description, self.prefix = description, prefix
         builder = DiagramBuilder()
         self.plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
         add_robot(self.plant, description)

@@ -109,7 +109,6 @@ def compare_files(
     write_page(
         path,
         meshcat,
-        [drawn],
         [
             _record(motion, motions[0], verdict, label, afloat, drawn)
             for motion, verdict, label in zip(motions, verdicts, labels, strict=True)
@@ -191,7 +190,7 @@ def _record(
     frames[_MESHES] = verdict.penetrating_frames
     no_targets = np.empty((count, 0, 3))
     return RecordedRun(
-        robot=0,
+        robot=robot,
         label=label,
         figures=_figures(motion, first, verdict),
         warning_distance=0.0,

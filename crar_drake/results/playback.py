@@ -91,25 +91,23 @@ def record_logs(
         scenario = load_logged_scenario(log)
         description = load_logged_robot(log, robot)
         radii = tuple(log.obstacles[0].reshape(-1, 4)[:, 3].tolist())
-        known = [(each.description, each.spheres) for each in robots]
-        if (description, radii) not in known:
-            colour = scenario.visualization.default_illustration_color
+        same = [r for r in robots if (r.description, r.spheres) == (description, radii)]
+        if not same:
             place = robot_prefix(len(robots))
-            robots.append(DrawnRobot(description, meshcat, place, colour, radii))
-            known.append((description, radii))
-        number = known.index((description, radii))
-        drawn = robots[number]
+            colour = scenario.visualization.default_illustration_color
+            same = [DrawnRobot(description, meshcat, place, colour, radii)]
+            robots += same
+        drawn = same[0]
         check_logged_robot(log, drawn.plant, description)
         found = judge_obstacles(
             log, scenario, drawn.plant, drawn.scene_graph, description.pairs
         )
         summaries.append(summarize(log, obstacles=found))
         figures = _figures(summaries[-1])
-        runs.append(_record_run(log, scenario, drawn, number, label, figures))
+        runs.append(_record_run(log, scenario, drawn, label, figures))
     write_page(
         path,
         meshcat,
-        robots,
         runs,
         title=_title(summaries),
         subtitle=" · ".join(filter(None, (_subtitle(summaries), note))),
@@ -122,11 +120,10 @@ def _record_run(
     log: SimulationLog,
     scenario: Scenario,
     robot: DrawnRobot,
-    number: int,
     label: str,
     figures: Sequence[dict],
 ) -> RecordedRun:
-    """A run of the page's robot of that number, frame by frame."""
+    """A run, frame by frame."""
     known = np.isfinite(log.q).all(axis=1)
     if not known.any():
         raise CrarError("the log has no finite positions: there is nothing to draw")
@@ -150,7 +147,7 @@ def _record_run(
     near_spheres = _near_spheres(seen, spheres.reshape(-1, 4))
     recorded["outline"] = outermost(np.vstack([seen, near_spheres]))
     return RecordedRun(
-        robot=number,
+        robot=robot,
         label=label,
         figures=figures,
         warning_distance=scenario.warning_distance,

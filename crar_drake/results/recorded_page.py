@@ -43,7 +43,7 @@ RUN_TEXTS = {
 class RecordedRun:
     """One of the robots that a page shows, at F frames."""
 
-    robot: int  # which of the page's robots it is
+    robot: DrawnRobot  # that several runs of a page may share
     label: str  # what it is called beside others
     figures: Sequence[dict]  # in the caption, see `figure`
     # at which links count as near each other; 0 if only those inside each other do [m]
@@ -95,7 +95,6 @@ def robot_prefix(number: int) -> str:
 def write_page(
     path: str | os.PathLike[str],
     meshcat: Meshcat,
-    robots: Sequence[DrawnRobot],
     runs: Sequence[RecordedRun],
     *,
     title: str,
@@ -108,17 +107,16 @@ def write_page(
 
     Args:
         meshcat: from `empty_scene`, in which the robots are drawn.
-        robots: in it, each at its `robot_prefix`.
-        runs: what moves.
+        runs: what moves; at most as many as `marks.RUNS`.
         overlay: whether the robots are laid over each other when the page opens.
         spans: what is marked on the time line to its colour.
         texts: as `RUN_TEXTS`.
 
     Raises:
-        CrarError: there are no runs, or more than `marks.RUNS` has colours for.
         WriteError: the file cannot be written.
     """
     arrays: list[bytes] = []
+    robots = list(dict.fromkeys(run.robot for run in runs))
     data = {
         "title": title,
         "subtitle": subtitle,
@@ -128,14 +126,14 @@ def write_page(
         "texts": texts,
         "robots": [
             {
-                "prefix": robot_prefix(i),
+                "prefix": robot.prefix,
                 "paths": robot.paths,
                 "spheres": len(robot.spheres),
             }
-            for i, robot in enumerate(robots)
+            for robot in robots
         ],
         "runs": [
-            {"colour": colour, **_entry(run, arrays)}
+            {"robot": robots.index(run.robot), "colour": colour, **_entry(run, arrays)}
             for run, colour in zip(runs, marks.RUNS, strict=False)
         ],
         "outline": finite(np.vstack([run.outline for run in runs]).ravel(), 4),
@@ -171,7 +169,6 @@ def _entry(run: RecordedRun, arrays: list[bytes]) -> dict:
         arrays.append(packed_array(getattr(run, name), step))
     return {
         "label": run.label,
-        "robot": run.robot,
         "figures": list(run.figures),
         **packed,
         "rate": run.rate,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from recorded_pages import look, read_data
 
-from crar_drake.errors import CrarError, ModelError
+from crar_drake.errors import CrarError
 from crar_drake.law.parameters import with_constraints
 from crar_drake.law.tasks import TaskLayout
 from crar_drake.results import marks
@@ -429,22 +429,4 @@ def test_log_that_cannot_be_played(log, tmp_path):
         record_logs(
             [replace(log, q=np.full_like(log.q, np.nan))], tmp_path / "page.html"
         )
-    with pytest.raises(CrarError, match="13 positions but robot upper_body 14"):
-        record_logs([replace(log, q=log.q[:, 1:])], tmp_path / "page.html")
-    with pytest.raises(CrarError, match="29 watched pairs but robot upper_body 30"):
-        record_logs(
-            [replace(log, signed_distances=log.signed_distances[:, 1:])],
-            tmp_path / "page.html",
-        )
-    elsewhere = log.scenario.replace("robot: upper_body", "robot: gone")
-    with pytest.raises(ModelError, match="no robot 'gone'"):
-        record_logs([replace(log, scenario=elsewhere)], tmp_path / "page.html")
     assert not list(tmp_path.iterdir())
-
-
-def test_page_appears_whole_or_not_at_all(log, tmp_path):
-    (tmp_path / "page.html").mkdir()  # stands where the page should go
-    short = log.samples(slice(5))
-    with pytest.raises(CrarError, match="page.html: could not be written"):
-        record_logs([short], tmp_path / "page.html")
-    assert [p.name for p in tmp_path.iterdir()] == ["page.html"]

@@ -151,7 +151,7 @@ def _out_name(arguments: argparse.Namespace) -> Path:
         *(each.name for each in files),
         robot_name(arguments.robot or ""),
         arguments.tasks,
-        *(re.sub(r"[^\w.-]+", "_", each) for each in settings),
+        *(re.sub(r"[^\w.-]+", "_", each)[:20] for each in settings),
     ]
     name = "_".join(filter(None, parts))
     return Path(*(each.parent for each in files)) / name

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NoReturn
 from crar_drake.errors import CrarError, ScenarioError, nearest
 
 if TYPE_CHECKING:
+    from crar_drake.motion.options import MotionOptions
     from crar_drake.simulation.scenario import Scenario
 
 DEFAULT_SCENARIO = "dance"
@@ -162,6 +163,14 @@ def add_motion_options(parser: Parser) -> None:
 
 
 FILE_OPTIONS = ("skeleton", "frame_rate", "unit", "up", "facing", "joints")
+
+
+def given_motion_options(arguments: argparse.Namespace) -> MotionOptions:
+    """What the options of `add_motion_options` say of a motion."""
+    from crar_drake.motion.options import MotionOptions
+
+    given = {name: getattr(arguments, name) for name in FILE_OPTIONS}
+    return MotionOptions(**{name: value for name, value in given.items() if value})
 
 
 def add_reference_options(parser: Parser, also: str = "") -> None:

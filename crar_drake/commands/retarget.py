@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 from crar_drake.commands.clean import changes, clip_lines, violations
 from crar_drake.commands.folders import frames_bar, report_files, work_on
 from crar_drake.commands.options import (
-    FILE_OPTIONS,
     MOTION_HELP,
     UsageError,
     add_command,
     add_motion_options,
     add_whole_body,
+    given_motion_options,
     positive,
     share,
 )
@@ -87,12 +87,10 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         The exit code: 1 if something is violated.
     """
-    from crar_drake.motion.options import MotionOptions
     from crar_drake.robot.description import whole_body_name
 
-    given = {option: getattr(arguments, option) for option in FILE_OPTIONS}
     options = {
-        "options": MotionOptions(**{k: v for k, v in given.items() if v}),
+        "options": given_motion_options(arguments),
         "layout": arguments.layout or "",
         "rate": arguments.rate,
         "limits": arguments.limits,

@@ -10,6 +10,7 @@ from crar_drake.commands.options import (
     add_command,
     add_motion_options,
     add_reference_options,
+    given_motion_options,
 )
 from crar_drake.commands.output import OUT, label, tell_drawn
 from crar_drake.errors import printable
@@ -17,8 +18,8 @@ from crar_drake.errors import printable
 # What is shown to the options that say something of it.
 _OPTIONS = {
     "what is at hand": (),
-    "a person's motion": (*FILE_OPTIONS, "plot"),
-    "a robot's motion": ("robot", "layout", "frame_rate", "plot"),
+    "a person's motion": (*FILE_OPTIONS, "out"),
+    "a robot's motion": ("robot", "layout", "frame_rate", "out"),
     "a log": ("robot", "out"),
     "several logs": ("robot", "out", "label", "overlay"),
     "several motions of a robot": (
@@ -47,22 +48,16 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help=f"a motion: {MOTION_HELP}; or the log.npz of a run, or its folder",
     )
     add_reference_options(parser, "; or of a log's, if it is not where it was")
-    group = parser.add_argument_group("of a motion")
-    add_motion_options(group)
-    group.add_argument(
-        "--plot",
-        type=Path,
-        metavar="FILE",
-        help="picture to write (default: out/MOTION.png)",
-    )
-    group = parser.add_argument_group("of a page")
-    group.add_argument(
+    parser.add_argument(
         "--out",
         type=Path,
         metavar="FILE",
-        help="page to write (default: playback.html beside the log; of several "
+        help="picture of a motion to write (default: out/MOTION.png), or page of runs or "
+        "of several motions (default: playback.html beside the log, or "
         f"{OUT / 'compare.html'})",
     )
+    add_motion_options(parser.add_argument_group("of a motion"))
+    group = parser.add_argument_group("of a page")
     group.add_argument(
         "--overlay",
         action="store_true",
@@ -129,8 +124,8 @@ def _show_motion(arguments: argparse.Namespace, motion: str) -> None:
     from crar_drake.figures import check_picture
     from crar_drake.motion.robots_own import holds_reference
 
-    plot = arguments.plot or OUT / f"{label(motion)}.png"
-    if arguments.plot is not None:
+    plot = arguments.out or OUT / f"{label(motion)}.png"
+    if arguments.out is not None:
         check_picture(plot)
     if arguments.robot or arguments.layout or holds_reference(motion):
         _refuse_others(arguments, "a robot's motion")
@@ -145,18 +140,14 @@ def _show_motion(arguments: argparse.Namespace, motion: str) -> None:
 def _describe_person(arguments: argparse.Namespace, motion: str, plot: Path) -> bool:
     """What is in a person's motion; whether there is a picture of it."""
     from crar_drake.motion.catalogue import load_performer
-    from crar_drake.motion.options import MotionOptions
     from crar_drake.motion.picture import plot_motion
     from crar_drake.motion.report import describe, inspect
 
-    given = {name: getattr(arguments, name) for name in FILE_OPTIONS}
-    performer = load_performer(
-        motion, MotionOptions(**{name: value for name, value in given.items() if value})
-    )
+    performer = load_performer(motion, given_motion_options(arguments))
     report = inspect(performer)
     for line in describe(report):
         print(printable(line))
-    if report.obstacle and arguments.plot is None:
+    if report.obstacle and arguments.out is None:
         return False
     plot_motion(performer, plot)
     return True

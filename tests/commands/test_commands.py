@@ -134,7 +134,7 @@ def test_motions_of_one_name_have_folders_of_their_own(
         "run --out {}",
         "show log.npz --out {}/x.html",
         "show log.npz log.npz --out {}/x.html",
-        "show dance --plot {}/x.png",
+        "show dance --out {}/x.png",
     ],
 )
 @pytest.mark.parametrize("place", ["file/below", "locked"])
@@ -163,9 +163,9 @@ def test_impossible_places_are_refused_before_the_work(
 
 
 def test_pictures_of_no_known_format_are_refused(empty_folder, refused):
-    message = refused(*"show dance --plot x.xyz".split())
+    message = refused(*"show dance --out x.xyz".split())
     assert "x.xyz" in message and ".png" in message and ".pdf" in message
-    message = refused(*"show dance --plot picture".split())
+    message = refused(*"show dance --out picture".split())
     assert "picture: there is no suffix" in message
     assert names(empty_folder) == []
 
@@ -173,7 +173,7 @@ def test_pictures_of_no_known_format_are_refused(empty_folder, refused):
 def test_the_users_backend_plays_no_part(empty_folder):
     environment = {k: v for k, v in os.environ.items() if k != "DISPLAY"}
     result = subprocess.run(
-        [sys.executable, "-m", "crar_drake", "show", "dance", "--plot", "x.png"],
+        [sys.executable, "-m", "crar_drake", "show", "dance", "--out", "x.png"],
         env={**environment, "MPLBACKEND": "TkAgg"},
         capture_output=True,
         text=True,
@@ -460,7 +460,7 @@ def test_motion_tells_and_plots(empty_folder, capsys):
     assert output.startswith("dance: ") and "largest speeds: waist" in output
     assert output.splitlines()[-1] == "out/dance.png"
     assert matplotlib.image.imread("out/dance.png").shape[0] > 500
-    assert main(["show", "dance", "--plot", "a/b.pdf"]) == 0
+    assert main(["show", "dance", "--out", "a/b.pdf"]) == 0
     assert (empty_folder / "a/b.pdf").read_bytes().startswith(b"%PDF")
 
 
@@ -480,7 +480,7 @@ def test_motion_says_assumed_and_asks_about_the_rate(cmu, empty_folder, capsys):
     motion = str(trial_of_another_name(empty_folder, cmu))
 
     def lines(*more: str) -> list[str]:
-        assert main(["show", motion, "--plot", "p.png", *more]) == 0
+        assert main(["show", motion, "--out", "p.png", *more]) == 0
         return capsys.readouterr().out.splitlines()
 
     assumed = lines()

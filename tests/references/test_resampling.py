@@ -134,7 +134,7 @@ def test_motion_tells_what_was_guessed(tmp_path: Path, capsys):
     p, Q, q = moving_samples(31)
     source, plot = tmp_path / "a.csv", tmp_path / "a.png"
     write_motion(source, RobotMotion(DEPTH_FIRST, p, Q, q, 30.0), "xyzw-csv")
-    assert main(["show", str(source), "--plot", str(plot)]) == 0
+    assert main(["show", str(source), "--out", str(plot)]) == 0
     told = capsys.readouterr().out
     for text in (
         "31 frames at 30 Hz, 1.00 s, 5 joints",

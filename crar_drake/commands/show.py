@@ -52,8 +52,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--out",
         type=Path,
         metavar="FILE",
-        help="picture of a motion to write (default: out/MOTION.png), or page of runs or "
-        "of several motions (default: playback.html beside the log, or "
+        help="picture of a motion to write (default: out/MOTION.png), or page of runs "
+        "or of several motions (default: playback.html beside the log, or "
         f"{OUT / 'compare.html'})",
     )
     add_motion_options(parser.add_argument_group("of a motion"))

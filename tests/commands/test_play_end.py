@@ -76,15 +76,6 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_it_is_kept_unasked(folder, monkeypatch, capsys):
-    monkeypatch.setattr(
-        "crar_drake.results.playback.record_logs", lambda logs, path, **_: path.touch()
-    )
-    assert play("--duration", "0.02") == 0
-    assert names(folder / KEPT) == FILES
-    assert f"{KEPT}/recording.html" in capsys.readouterr().out
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("gone", ["terminal", "reader", "from the first"])
 def test_whoever_goes_away_takes_nothing_along(gone, tmp_path):

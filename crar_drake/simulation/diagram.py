@@ -144,9 +144,9 @@ def MakeCrarDiagram(
 ) -> Diagram:
     """Builds the whole diagram of a scenario.
 
-    Where the robot stands, the controller runs on its own command ("commanded_motion"),
-    which a "standing_controller" lets the robot on the floor follow; the logs are then
-    those of "actuation" and "acceleration" of that one, too.
+    Where the robot stands, the controller runs on its own command, which a
+    "standing_controller" lets the robot on the floor follow; the logs are then those of
+    "actuation" and "acceleration" of that one, too.
 
     Subsystems, by name: "plant", "scene_graph", "crar_controller", "pushes",
     "desired_tasks", (if there are prescribed joints) "desired_prescribed" and (if there

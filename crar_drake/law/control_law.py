@@ -18,15 +18,13 @@ import numpy as np
 
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.law.blending import smooth_step
-from crar_drake.law.constraint_weights import composite_index
 from crar_drake.law.constraints import Braking, RobotConstraints
 from crar_drake.law.lateness import LATEST, Lateness, watch_lateness
 from crar_drake.law.motors import Motors, clip_torque, share_of_nominal
-from crar_drake.law.nominal import Nominal, TaskLaw
 from crar_drake.law.obstacles import Obstacles
 from crar_drake.law.paper import Gains, PaperLaw
-from crar_drake.law.parameters import LookaheadParameters, PaperGains, Parameters
-from crar_drake.law.plan import Plan, make_preview, posture_near_limits
+from crar_drake.law.parameters import LookaheadParameters, Parameters
+from crar_drake.law.plan import Plan, posture_near_limits
 from crar_drake.law.plausible import PlausibleStates
 from crar_drake.law.prediction import state_ahead
 from crar_drake.law.records import (
@@ -39,7 +37,7 @@ from crar_drake.law.records import (
     Solution,
     check_finite,
 )
-from crar_drake.law.references import Targets, TaskGains
+from crar_drake.law.references import Nominal, Targets, TaskGains, TaskLaw
 from crar_drake.law.spheres import MovingSpheres
 from crar_drake.law.step import AS_NOMINAL, State, Step, step
 from crar_drake.law.vectors import is_finite
@@ -87,18 +85,15 @@ class ControlLaw:
             raise ModelError("give the control model at least one task")
         model.description.refuse_floating()
         self.model = model
-        self.parameters = parameters or LookaheadParameters()
-        self.parameters.validate()
-        gains = self.parameters
+        self.parameters = gains = parameters or LookaheadParameters()
+        gains.validate()
         # Always of one type, lest functions be compiled for another.
         self._blend_time = float(gains.blend_time)
         self._period = float(gains.period)
         self._latency = float(gains.latency)
         self._plant_step = float(model.plant.time_step())
-        self._torque_period = float(gains.torque_period_for(self._plant_step))
+        self._torque_period = float(gains.torque_ticks(self._plant_step)[1])
         self._rest = model.rest_positions()
-        self._rest_posture = self._rest[model.controlled_positions]
-        self._has_limits = np.isfinite(model.upper - model.lower)
         self.speed_limits = gains.speed_limits(model)
         self.effort_limits = gains.limits_of_efforts(model)
         self._limits_efforts = bool(np.isfinite(self.effort_limits).any())
@@ -123,26 +118,21 @@ class ControlLaw:
             *(float(of_paper.K), float(of_paper.Kp), float(of_paper.velocity_gain)),
             *(stiffness, weights),
         )
-        self._nominal: TaskLaw
         # The oldest commands whose effect a late state does not show yet.
         late = self._latency / self._period * (1.0 - _ROUNDING)
         self._num_sent = math.ceil(late) + 1 if late else 0
+        self._nominal: TaskLaw
         if self._plans:
-            preview = make_preview(
-                *(ahead.preview, ahead.smoothness, ahead.damping, stiffness),
-                *(self._period, ahead.farthest_pull, ahead.null_space_damping),
-            )
-            limits = self._constraints.limits
-            self._nominal = Plan(
-                *(model, self._constraints.pairs.shapes, preview, tasks),
-                ahead.approach,
-                *(limits.lower, limits.upper, self._period),
-            )
             # A plan is stiff: a lag that nobody has told of is looked for.
             self._num_sent = math.ceil(late) + round(LATEST / self._period) + 2
+            of = self._constraints
+            self._nominal = Plan(
+                *(model, of.pairs.shapes, ahead, tasks),
+                *(of.limits.lower, of.limits.upper, self._period),
+            )
         else:
             self._nominal = PaperLaw(
-                *(model, tasks, paper_gains(of_paper, self._period, len(model.pairs))),
+                *(model, tasks, Gains.of(of_paper, self._period, len(model.pairs))),
                 constrained=gains.constraints != "none",
                 with_inertia=of_paper.metric == "inertia",
             )
@@ -209,7 +199,8 @@ class ControlLaw:
             return _NOTHING
         model = self.model
         here = q[model.controlled_positions]
-        posture = np.where(self._has_limits, self._rest_posture, here)
+        rest = self._rest[model.controlled_positions]
+        posture = np.where(np.isfinite(model.upper - model.lower), rest, here)
         if self._plans:
             posture = posture_near_limits(here, posture, model.lower, model.upper)
         return posture
@@ -348,8 +339,8 @@ class ControlLaw:
             workspace.plant_context, np.concatenate((q, believed))
         )
         braking = self._known(before, obstacles, q, believed)
-        status, nominal, start = STATUS_TRACKING, None, memory.start
-        start_time = memory.start_time
+        status, nominal = STATUS_TRACKING, None
+        start_time, start = memory.start_time, memory.start
         if believed is not v or not self._came(before, q, v):
             status = STATUS_IMPLAUSIBLE
         elif not self._usable(targets, time):
@@ -361,9 +352,8 @@ class ControlLaw:
             if blend[0] < 1.0:
                 status = STATUS_BLENDING
             targets = self._blended(targets, q, start, blend)
-            kept = before.solution.kept if before.continues else None
             efforts = self._motor_rows(q, v)
-            nominal = self._nominal(workspace, q, v, targets, kept, efforts)
+            nominal = self._nominal(workspace, q, v, targets, before.kept, efforts)
             if not is_finite(nominal.vdot):
                 # A quaternion of zero length is a number, but no orientation.
                 if is_finite(nominal.task_error):
@@ -373,7 +363,11 @@ class ControlLaw:
                         "sense?"
                     )
                 if not self.brakes_without_targets:
-                    raise _no_orientation("desired_tasks", time)
+                    raise InputError(
+                        "desired_tasks has a quaternion of zero length at t = "
+                        f"{time:g} s; give unit quaternions (w, x, y, z), see "
+                        "TaskLayout"
+                    )
                 status, nominal = STATUS_BRAKING, None
         going_on = nominal is not None
         if not going_on:
@@ -387,11 +381,11 @@ class ControlLaw:
             solution=solution,
             q=q,
             v=v if going_on else believed + self._period * solution.acceleration,
-            continues=going_on,
+            kept=nominal.kept if going_on else None,
             start_time=start_time if going_on else None,
             start=start if going_on else None,
             braking=braking,
-            sent=self._sent(before, solution),
+            sent=(solution.acceleration, *before.sent)[: self._num_sent],
             lateness=lateness,
         )
 
@@ -505,7 +499,6 @@ class ControlLaw:
             constraint_weights=nominal.weights,
             constrained_velocity=nominal.qdot_c,
             **how,
-            kept=nominal.kept,
             actuation=actuation,
             position_command=state_ahead(
                 *(q, v, vdot, self._period, self._plant_step),
@@ -592,7 +585,7 @@ class ControlLaw:
             actuation, excess = clip_torque(actuation, self.effort_limits)
             torque_limit = np.array([torque_limit[0], excess])
         solution = replace(solved, actuation=actuation, torque_limit=torque_limit)
-        return memory.at_torque_tick(torque_tick, solution)
+        return replace(memory, torque_tick=torque_tick, solution=solution)
 
     def _predict(
         self,
@@ -621,31 +614,10 @@ class ControlLaw:
             q, v = x[: len(q)], x[len(q) :]
         return q, v
 
-    def _sent(self, before: Memory, solution: Solution) -> tuple[np.ndarray, ...]:
-        """`Memory.sent` after a step with this solution."""
-        return (solution.acceleration, *before.sent)[: self._num_sent]
-
     @property
     def brakes_without_targets(self) -> bool:
         """Whether a NaN in the targets makes the robot brake, not raise."""
         return self._safe
-
-
-def paper_gains(parameters: PaperGains, period: float, num_pairs: int) -> Gains:
-    """The numbers of the paper's law; what is not given is NaN, or as the paper has
-    it."""
-    share = parameters.limit_share
-    return Gains(
-        damping=float(parameters.damping),
-        Gv=float(parameters.Gv),
-        GvN=math.nan if parameters.GvN is None else float(parameters.GvN),
-        rho=float(parameters.rho),
-        alpha=float(parameters.alpha),
-        beta=float(parameters.beta),
-        limit_share=composite_index(num_pairs) if share is None else float(share),
-        period=float(period),
-        velocity_level=parameters.level == "velocity",
-    )
 
 
 def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:
@@ -661,10 +633,3 @@ def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:
             raise InputError(f"{name} has shape {np.shape(value)}; {must}")
         arrays.append(np.array(value, dtype=float, order="C"))
     return arrays
-
-
-def _no_orientation(what: str, time: float) -> InputError:
-    return InputError(
-        f"{what} has a quaternion of zero length at t = {time:g} s; give unit "
-        "quaternions (w, x, y, z), see TaskLayout"
-    )

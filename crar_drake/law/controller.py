@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from operator import attrgetter
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -19,10 +18,12 @@ from pydrake.systems.framework import (
 
 from crar_drake.errors import InputError, few, tell
 from crar_drake.law.control_law import ControlLaw
-from crar_drake.law.diagnostics import ALL, GUARANTEED, PROMISES
 from crar_drake.law.obstacle_port import ObstaclePort
 from crar_drake.law.parameters import LookaheadParameters, Parameters
 from crar_drake.law.records import (
+    GUARANTEED,
+    PARTS,
+    PROMISES,
     STATUS_IMPLAUSIBLE,
     Memory,
     Solution,
@@ -41,8 +42,12 @@ _ROUNDING = 1e-9
 # A locked joint that is farther from its place does not count as locked [rad or m].
 _LOCKED = 1e-3
 
-# All that is reported of a solution, at once.
-_reported = attrgetter(*(diagnostic.key for diagnostic in ALL))
+# Parts that have a port of their own, and whether it shows what is held alone.
+_CONNECTED = {
+    "actuation": False,
+    "desired_acceleration": True,
+    "position_command": True,
+}
 
 
 @dataclass(slots=True)
@@ -105,26 +110,13 @@ class CrarController(LeafSystem):
             below one after the other; `diagnostics_slices` says where, and
             `diagnostics(context)` has them by name.
 
-    Parts of diagnostics:
-        task_error: (m,) Eq. (11) against desired_tasks [rad, m].
-        signed_distances: (Nc,) in the order of the description's pairs [m].
-        constraint_weights: (n,) diagonal of W, Eq. (27).
-        status: (1,) 0 tracking, 1 blending in, 2 braking because a target is NaN, 3
-            braking because no robot has the measured state (`law.plausible`).
-        torque_limit: (2,) share of the nominal accelerations that the effort limits
-            allowed, and the excess before clipping of the present torque tick, see
-            `Solution`.
-        admission: (4,) how the step was found (0 nominal, 1 corrected, 2
-            scaled towards braking), the share of the nominal step, a bound from below
-            for all distances on the braking path one period on [m], and whether joints
-            are within their limits and the present one is clear (1) or not (0), see
-            `docs/theory/theorem.md`.
-        balance: (3,) the same of a robot on its soles, see `law.ground`.
-        T: (1,) braking time constant of the step [s]. These three are NaN unless
-            constraints are "lookahead".
+    Parts of diagnostics, see `Solution` for those that are not above:
+        task_error (m,), signed_distances (Nc,) in the order of the description's pairs
+            [m], constraint_weights (n,), status (1,), torque_limit (2,), admission
+            (4,), balance (3,), T (1,).
         promise: (1,) 0 if watched pairs stay apart and joints within their limits, else
             what is missing, by its number; `diagnostics` has the word, "guaranteed" or
-            another one of `law.diagnostics.PROMISES`.
+            another one of `law.records.PROMISES`.
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises
@@ -187,8 +179,8 @@ class CrarController(LeafSystem):
         self.border = model.border
         self._plant_is_discrete = plant_is_discrete
         plant_step = model.plant.time_step() if plant_is_discrete else 0.0
-        self._torque_ticks = self.law.parameters.torque_ticks(plant_step)
-        self._torque_period = self.law.parameters.torque_period_for(plant_step)
+        ticks = self.law.parameters.torque_ticks(plant_step)
+        self._torque_ticks, self._torque_period = ticks
 
         nq = model.plant.num_positions()
         nv = model.plant.num_velocities()
@@ -248,20 +240,17 @@ class CrarController(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._Update)
 
         self._outputs, self.diagnostics_slices, end = {}, {}, 0
-        for part in ALL:
-            name, size = part.name, part.size(model)
-            if part.connected:
-                held_alone = name != "actuation"
-                self._outputs[name] = self.DeclareVectorOutputPort(
-                    name,
-                    size,
-                    self._MakeOutputCalc(part.key, held_alone),
-                    {self.abstract_state_ticket(held)} if held_alone else sources,
-                )
+        for name, size_of in (PARTS | {"promise": lambda model: 1}).items():
+            size = size_of(model)
             self.diagnostics_slices[name] = slice(end, end + size)
             end += size
-        self.diagnostics_slices["promise"] = slice(end, end + 1)
-        end += 1
+            if name in _CONNECTED:
+                tickets = sources
+                if _CONNECTED[name]:
+                    tickets = {self.abstract_state_ticket(held)}
+                self._outputs[name] = self.DeclareVectorOutputPort(
+                    name, size, self._MakeOutputCalc(name), tickets
+                )
         self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
             "diagnostics", end, self._CalcDiagnostics, sources
         )
@@ -360,8 +349,9 @@ class CrarController(LeafSystem):
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
         solution = self._EvalSolution(context)
-        parts = *_reported(solution), [self._Promise(context, solution)]
-        output.SetFromVector(np.concatenate(parts))
+        parts = [solution.part(name) for name in PARTS]
+        promise = [self._Promise(context, solution)]
+        output.SetFromVector(np.concatenate([*parts, promise]))
 
     def _Promise(self, context: Context, solution: Solution) -> float:
         """What is missing of the promise; the first of PROMISES that is."""
@@ -376,13 +366,13 @@ class CrarController(LeafSystem):
         )
         return float(missing.index(True) + 1 if any(missing) else GUARANTEED)
 
-    def _MakeOutputCalc(self, key: str, held_alone: bool):
+    def _MakeOutputCalc(self, name: str):
         def calc(context: Context, output: BasicVector) -> None:
-            if not held_alone:
-                solution = self._EvalSolution(context)
-            else:
+            if _CONNECTED[name]:
                 solution = self._GetHeld(context).solution or self._start
-            output.SetFromVector(getattr(solution, key))
+            else:
+                solution = self._EvalSolution(context)
+            output.SetFromVector(solution.part(name))
 
         return calc
 
@@ -429,9 +419,7 @@ class CrarController(LeafSystem):
         if torque_tick:
             # A run that begins between control ticks. The next one comes too early to
             # tell what the plant does in a period.
-            solve.memory = replace(
-                solve.memory, torque_tick=torque_tick, continues=False
-            )
+            solve.memory = replace(solve.memory, torque_tick=torque_tick, kept=None)
 
     def _tell_of_the_start(self, q: np.ndarray) -> None:
         """Warns of joints beyond their limits, and of pairs that are inside one another

@@ -3,6 +3,9 @@
 By itself, without a projection, it is the paper to the letter.
 """
 
+from __future__ import annotations
+
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,14 +16,16 @@ from crar_drake.law.constraint_weights import (
     approach_weights,
     collision_potential_slope,
     collision_proximity,
+    composite_index,
     inertia_weight,
     limit_gradient,
     limit_potential,
     limit_proximity,
 )
 from crar_drake.law.kinematics import find_state, watched_distances
-from crar_drake.law.nominal import Nominal
+from crar_drake.law.parameters import PaperGains
 from crar_drake.law.references import (
+    Nominal,
     References,
     Targets,
     TaskGains,
@@ -50,6 +55,18 @@ class Gains(NamedTuple):
     limit_share: float  # a of Eq. (27)
     period: float  # of the controller [s]
     velocity_level: bool
+
+    @staticmethod
+    def of(given: PaperGains, period: float, num_pairs: int) -> Gains:
+        """Those of parameters, for a control period [s] and so many watched pairs."""
+        GvN, share = given.GvN, given.limit_share
+        return Gains(
+            *(float(given.damping), float(given.Gv)),
+            math.nan if GvN is None else float(GvN),
+            *(float(given.rho), float(given.alpha), float(given.beta)),
+            composite_index(num_pairs) if share is None else float(share),
+            *(float(period), given.level == "velocity"),
+        )
 
 
 @compiled
@@ -158,7 +175,7 @@ def paper_step(
     kept: np.ndarray,
     inertia: np.ndarray,
     law: Held,
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """One control step of the paper's law; see the functions above.
 
     Args:
@@ -172,9 +189,7 @@ def paper_step(
         law: holds `PaperNumbers`.
 
     Returns:
-        One after the other: (nv,) accelerations in the plant's order; (m,) Eq. (11)
-        against the targets as given; (n,) diagonal of W; what the next step is to have
-        as `kept`.
+        The parts of `Nominal`, in their order.
     """
     numbers = law.value
     r, gains = numbers.robot.value, numbers.gains
@@ -196,8 +211,8 @@ def paper_step(
     in_order, vdot = np.concatenate((qddot, references.qddot_p)), np.empty(len(v))
     for i in range(len(v)):
         vdot[r.order[i]] = in_order[i]
-    error, of_pairs = references.error, of_pairs.ravel()
-    return np.concatenate((vdot, error, W, of_limits, of_pairs, qdot_c))
+    kept = np.concatenate((of_limits, of_pairs.ravel(), qdot_c))
+    return vdot, references.error, W, qdot_c, kept
 
 
 class PaperLaw:
@@ -223,11 +238,8 @@ class PaperLaw:
         limits = limit_potential(model.lower, model.upper)
         self._law = hold(PaperNumbers(model.robot, tasks, limits, gains, constrained))
         self._model, self._with_inertia = model, with_inertia
-        # Of what `paper_step` returns.
-        n, nv = model.n, model.n + model.n_p
-        kept = n + len(model.pairs) * n
-        self._ends = np.cumsum([0, nv, model.m, n, kept, n]).tolist()
-        self._first = np.concatenate((np.zeros(kept), np.full(n, np.nan)))
+        near = np.zeros((1 + len(model.pairs)) * model.n)
+        self._first = np.concatenate((near, np.full(model.n, np.nan)))
 
     def __call__(
         self,
@@ -241,13 +253,12 @@ class PaperLaw:
         model, inertia = self._model, _NO_MATRIX
         if self._with_inertia:
             inertia = model.inertia_matrix(workspace)
-        found = paper_step(
-            *(q, v, model.asked_here(workspace), *targets[:4], *targets.blend),
-            *(self._first if before is None else before, inertia, self._law),
+        return Nominal(
+            *paper_step(
+                *(q, v, model.asked_here(workspace), *targets[:4], *targets.blend),
+                *(self._first if before is None else before, inertia, self._law),
+            )
         )
-        _, a, b, c, d, end = self._ends
-        vdot, error, W, kept = found[:a], found[a:b], found[b:c], found[c:end]
-        return Nominal(vdot, error, W, found[d:end], kept)
 
 
 _STOPPED = 1e9  # the weight of a joint that may go no farther

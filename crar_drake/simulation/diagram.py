@@ -189,8 +189,7 @@ def MakeCrarDiagram(
     plant.SetDefaultPositions(setup.start_positions)
 
     parameters, time_step = scenario.controller, plant.time_step()
-    ticks = parameters.torque_ticks(time_step)
-    period = parameters.torque_period_for(time_step)
+    ticks, period = parameters.torque_ticks(time_step)
     if law is not None:
         ticks, period = round(parameters.period / time_step), time_step
     measured = AddMeasurement(builder, plant, disturbances, period, ticks)

@@ -9,8 +9,6 @@ goes on: `ControlLaw.hold`, or `ControlLaw.torque` in a user's own loop.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -19,13 +17,12 @@ import numpy as np
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.law.blending import smooth_step
 from crar_drake.law.constraints import Braking, RobotConstraints
-from crar_drake.law.lateness import LATEST, Lateness, watch_lateness
+from crar_drake.law.measured import MeasuredStates
 from crar_drake.law.motors import Motors, clip_torque, share_of_nominal
 from crar_drake.law.obstacles import Obstacles
 from crar_drake.law.paper import Gains, PaperLaw
 from crar_drake.law.parameters import LookaheadParameters, Parameters
 from crar_drake.law.plan import Plan, posture_near_limits
-from crar_drake.law.plausible import PlausibleStates
 from crar_drake.law.prediction import state_ahead
 from crar_drake.law.records import (
     STATUS_BLENDING,
@@ -45,8 +42,6 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
-# Of a period: so little more is none.
-_ROUNDING = 1e-9
 # A robot that is off its command by less is where it was told to be [rad or m, per
 # second]: what was shown of the command holds, for the safety distance has it to spare.
 _AS_TOLD = 1e-6
@@ -88,9 +83,7 @@ class ControlLaw:
         self.parameters = gains = parameters or LookaheadParameters()
         gains.validate()
         # Always of one type, lest functions be compiled for another.
-        self._blend_time = float(gains.blend_time)
-        self._period = float(gains.period)
-        self._latency = float(gains.latency)
+        self._blend_time, self._period = float(gains.blend_time), float(gains.period)
         self._plant_step = float(model.plant.time_step())
         self._torque_period = float(gains.torque_ticks(self._plant_step)[1])
         self._rest = model.rest_positions()
@@ -98,7 +91,6 @@ class ControlLaw:
         self.effort_limits = gains.limits_of_efforts(model)
         self._limits_efforts = bool(np.isfinite(self.effort_limits).any())
         self._safe, self._plans = gains.constraints == "lookahead", gains.plans
-        self._plausible = PlausibleStates(model, self._period)
         self._constraints = self._motors = None
         crowded = model.m >= model.n
         of_paper, stiffness = gains, 0.0
@@ -118,17 +110,15 @@ class ControlLaw:
             *(float(of_paper.K), float(of_paper.Kp), float(of_paper.velocity_gain)),
             *(stiffness, weights),
         )
-        # The oldest commands whose effect a late state does not show yet.
-        late = self._latency / self._period * (1.0 - _ROUNDING)
-        self._num_sent = math.ceil(late) + 1 if late else 0
+        # A plan is stiff: a lag that nobody has told of is looked for.
+        of = model, self._period, float(gains.latency), self._plans
+        self._measured = MeasuredStates(*of)
         self._nominal: TaskLaw
         if self._plans:
-            # A plan is stiff: a lag that nobody has told of is looked for.
-            self._num_sent = math.ceil(late) + round(LATEST / self._period) + 2
             of = self._constraints
             self._nominal = Plan(
-                *(model, of.pairs.shapes, ahead, tasks),
-                *(of.limits.lower, of.limits.upper, self._period),
+                *(model, of.pairs.shapes, ahead, tasks, of.limits, of.motors),
+                self._period,
             )
         else:
             self._nominal = PaperLaw(
@@ -323,37 +313,32 @@ class ControlLaw:
         """
         model = self.model
         before = memory if tick == memory.tick + 1 else Memory()
-        lateness = None
-        if self._plans:
-            told = self._latency / self._period
-            # One glitch would outweigh all else for seconds.
-            seen = self._plausible.believed(v, before.v)
-            lateness = watch_lateness(
-                before.lateness, seen, before.sent, told, self._period
-            )
-        q, v = self._predict(before.sent, lateness, self._period, q, v)
-        believed = v
-        if self._safe:
-            believed = self._plausible.believed(v, before.v)
+        measured = self._measured
+        lateness = measured.watch(before.lateness, v, before.v, before.sent)
+        q, v = measured.now(before.sent, lateness, self._period, q, v)
+        believed = measured.believed(v, before.v) if self._safe else v
         model.plant.SetPositionsAndVelocities(
             workspace.plant_context, np.concatenate((q, believed))
         )
         braking = self._known(before, obstacles, q, believed)
         status, nominal = STATUS_TRACKING, None
         start_time, start = memory.start_time, memory.start
-        if believed is not v or not self._came(before, q, v):
+        came = before.q is None or not self._safe
+        came = came or measured.way(before.q, before.v, q, v)
+        if believed is not v or not came:
             status = STATUS_IMPLAUSIBLE
         elif not self._usable(targets, time):
             status = STATUS_BRAKING
         else:
             if start is None:
-                start_time, start = time, self._start(q)
+                here = model.tasks_at(q)[: model.layout.size_x]
+                start = np.concatenate((here, q[model.prescribed_positions]))
+                start_time = time
             blend = smooth_step(time - start_time, self._blend_time)
             if blend[0] < 1.0:
                 status = STATUS_BLENDING
             targets = self._blended(targets, q, start, blend)
-            efforts = self._motor_rows(q, v)
-            nominal = self._nominal(workspace, q, v, targets, before.kept, efforts)
+            nominal = self._nominal(workspace, q, v, targets, before.kept)
             if not is_finite(nominal.vdot):
                 # A quaternion of zero length is a number, but no orientation.
                 if is_finite(nominal.task_error):
@@ -385,7 +370,7 @@ class ControlLaw:
             start_time=start_time if going_on else None,
             start=start if going_on else None,
             braking=braking,
-            sent=(solution.acceleration, *before.sent)[: self._num_sent],
+            sent=(solution.acceleration, *before.sent)[: measured.num_sent],
             lateness=lateness,
         )
 
@@ -423,12 +408,6 @@ class ControlLaw:
             posture = here + blend[0] * (posture - here)
         return Targets(targets.tasks, targets.prescribed, posture, start, blend)
 
-    def _motor_rows(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(k, nv + 2) of `law.nominal.TaskLaw`, for a plan."""
-        if self._motors is None or not self._plans:
-            return np.zeros((0, len(v) + 2))
-        return self._motors.plan_rows(*self.model.in_order(q, v))
-
     def _braking(self, v: np.ndarray, before: Braking) -> Nominal:
         """q_ddot = -q_dot / T, of all joints."""
         model = self.model
@@ -448,11 +427,9 @@ class ControlLaw:
         """The step nearest to a nominal that is safe, and what follows from it.
 
         Args:
-            workspace: at the state.
-            q, v: (nq,), (nv,) the state.
-            nominal: of this step.
+            workspace: at the state (nq,), (nv,).
             before: what is known of its braking path.
-            going_on: else it is braking, over whatever T will do.
+            going_on: else the nominal is braking, over whatever T will do.
         """
         model, n = self.model, self.model.n
         vdot, how, found = nominal.vdot, {}, None
@@ -463,7 +440,11 @@ class ControlLaw:
             if not going_on:
                 return np.zeros(n)
             s = rate[:n] + T * asked[:n]
-            return s if self._plans else self._slowed(s)
+            if self._plans:
+                return s
+            # Feedback may ask for more than the speed that q_s is to move at most.
+            fastest, limit = np.abs(s).max(), self._constraints.fastest
+            return s if fastest <= limit else (limit / fastest) * s
 
         braking, state = before, None
         if self._safe:
@@ -510,12 +491,6 @@ class ControlLaw:
         )
         return solution, braking
 
-    def _slowed(self, s: np.ndarray) -> np.ndarray:
-        """s (n,), scaled to the speed that q_s is asked to move at most."""
-        fastest = np.abs(s).max()
-        limit = self._constraints.fastest
-        return s if fastest <= limit else (limit / fastest) * s
-
     def _reported(
         self, found: Step, state: State, before: Braking
     ) -> dict[str, np.ndarray]:
@@ -540,18 +515,6 @@ class ControlLaw:
                 check_finite(name, value, time)
         return finite
 
-    def _start(self, q: np.ndarray) -> np.ndarray:
-        """What is measured, to blend from: `Targets.start`."""
-        model = self.model
-        x = model.tasks_at(q)[: model.layout.size_x]
-        return np.concatenate((x, q[model.prescribed_positions]))
-
-    def _came(self, before: Memory, q: np.ndarray, v: np.ndarray) -> bool:
-        """Whether a robot may have come here from the state a period ago."""
-        if before.q is None or not self._safe:
-            return True
-        return self._plausible.way(before.q, before.v, q, v)
-
     def hold(
         self,
         workspace: Workspace,
@@ -573,9 +536,9 @@ class ControlLaw:
         """
         model, solved = self.model, memory.solution
         held = torque_tick * self._torque_period
-        q, v = self._predict(memory.sent, memory.lateness, held, q, v)
+        q, v = self._measured.now(memory.sent, memory.lateness, held, q, v)
         if self._safe and memory.q is not None:
-            v = self._plausible.believed(v, memory.v)
+            v = self._measured.believed(v, memory.v)
         model.plant.SetPositionsAndVelocities(
             workspace.plant_context, np.concatenate((q, v))
         )
@@ -586,33 +549,6 @@ class ControlLaw:
             torque_limit = np.array([torque_limit[0], excess])
         solution = replace(solved, actuation=actuation, torque_limit=torque_limit)
         return replace(memory, torque_tick=torque_tick, solution=solution)
-
-    def _predict(
-        self,
-        sent: Sequence[np.ndarray],
-        lateness: Lateness | None,
-        held: float,
-        q: np.ndarray,
-        v: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The state now, if q, v was that a latency ago and the robot did as told: by
-        the accelerations `sent`, the newest of them first, and `held` for so long [s].
-        """
-        model, left, since = self.model, self._latency, []
-        if lateness is not None:
-            left += lateness.periods * self._period
-        for vdot in sent:
-            if left <= _ROUNDING * self._period:
-                break
-            time = min(held, left)
-            since.append((vdot, time))
-            left, held = left - time, self._period
-        for vdot, time in reversed(since):
-            x = state_ahead(
-                q, v, vdot, time, self._plant_step, model.positions, model.order
-            )
-            q, v = x[: len(q)], x[len(q) :]
-        return q, v
 
     @property
     def brakes_without_targets(self) -> bool:

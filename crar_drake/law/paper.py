@@ -248,7 +248,6 @@ class PaperLaw:
         v: np.ndarray,
         targets: Targets,
         before: np.ndarray | None,
-        efforts: np.ndarray,
     ) -> Nominal:
         model, inertia = self._model, _NO_MATRIX
         if self._with_inertia:

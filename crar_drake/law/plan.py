@@ -15,6 +15,8 @@ import numpy as np
 from crar_drake.law.approach import SHARE_OF_RANGE, Approach
 from crar_drake.law.compilation import Held, compiled, hold
 from crar_drake.law.kinematics import find_state
+from crar_drake.law.limits import Limits
+from crar_drake.law.motors import Motors
 from crar_drake.law.one_sided import one_sided_nearest_in
 from crar_drake.law.parameters import Resolved
 from crar_drake.law.path_balls import Shapes, near_on_way, place_ways
@@ -564,8 +566,8 @@ class Plan:
         shapes: Held,
         ahead: Resolved,
         tasks: TaskGains,
-        lower: np.ndarray,
-        upper: np.ndarray,
+        limits: Limits,
+        motors: Motors | None,
         period: float,
     ) -> None:
         """
@@ -574,17 +576,18 @@ class Plan:
             shapes: holds its `Shapes`.
             ahead: what the plan is made with.
             tasks: gains of the prescribed joints, and the rows' weights.
-            lower, upper: (n,) limits of the controlled joints [rad or m].
+            limits: of the controlled joints.
+            motors: that have limits, if any count.
             period: [s].
         """
         preview = make_preview(ahead, period)
         self._numbers = hold(
             PlanNumbers(
                 *(model.robot, shapes, hold(preview), tasks),
-                *(ahead.approach, lower, upper, period),
+                *(ahead.approach, limits.lower, limits.upper, period),
             )
         )
-        self._model, self._ones = model, np.ones(model.n)
+        self._model, self._motors, self._ones = model, motors, np.ones(model.n)
         self._first = float(preview.lengths[0])
 
     def __call__(
@@ -594,8 +597,10 @@ class Plan:
         v: np.ndarray,
         targets: Targets,
         before: np.ndarray | None,
-        efforts: np.ndarray,
     ) -> Nominal:
+        efforts = np.zeros((0, len(v) + 2))
+        if self._motors is not None:
+            efforts = self._motors.plan_rows(*self._model.in_order(q, v))
         plan, vdot, error = plan_step(
             *(q, v, *targets[:4], *targets.blend),
             *(_NO_PLAN if before is None else before, efforts, self._numbers),

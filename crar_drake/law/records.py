@@ -13,7 +13,7 @@ import numpy as np
 
 from crar_drake.errors import InputError
 from crar_drake.law.constraints import Braking
-from crar_drake.law.lateness import Lateness
+from crar_drake.law.measured import Lateness
 from crar_drake.robot.model import ControlModel
 
 # Values of the diagnostic "status".

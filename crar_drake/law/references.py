@@ -94,7 +94,6 @@ class TaskLaw(Protocol):
         v: np.ndarray,
         targets: Targets,
         before: np.ndarray | None,
-        efforts: np.ndarray,
     ) -> Nominal:
         """The nominal of a step.
 
@@ -103,8 +102,6 @@ class TaskLaw(Protocol):
             q, v: (nq,), (nv,) the state.
             targets: what to do.
             before: `Nominal.kept` of the step one period ago; None at a start.
-            efforts: (k, nv + 2) of each motor with a limit A, in the robot's order, b
-                and the limit of |A q_ddot + b|.
         """
 
 

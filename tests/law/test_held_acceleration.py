@@ -16,8 +16,8 @@ from crar_drake.errors import InputError
 from crar_drake.law import parameters
 from crar_drake.law.control_law import ControlLaw
 from crar_drake.law.limits import velocity_bounds
+from crar_drake.law.measured import fastest_asked
 from crar_drake.law.parameters import LookaheadParameters
-from crar_drake.law.plausible import fastest_asked
 from crar_drake.law.step import SCALED
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel

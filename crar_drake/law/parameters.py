@@ -145,7 +145,7 @@ class PaperGains:
         Gv: joint velocity gain, Eq. (30) [1/s].
         GvN: null-space gain, Eq. (33) [1/s]; by default Gv.
         metric: of the joint velocities that W weighs: "identity", or "inertia" for the
-            dynamically consistent inverse, see `law.constraint_weights`.
+            dynamically consistent inverse, see `law.paper.inertia_weight`.
         damping: lambda of Eq. (34) [m].
         rho, alpha, beta: amplitude, decay [1/m] and exponent of the collision
             potential, Eq. (24), for every pair.

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from crar_drake.law.constraint_weights import limit_potential
-from crar_drake.law.paper import Gains, start_step
+from crar_drake.law.paper import Gains, limit_potential, start_step
 from crar_drake.law.parameters import PaperGains
 from crar_drake.law.references import error_from_targets
 from crar_drake.robot.model import ControlModel

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from crar_drake.law.capsule_distances import distance_gradient_about_origin
-from crar_drake.law.constraint_weights import (
+from crar_drake.law.paper import (
+    Gains,
     approach_weights,
     collision_potential_slope,
     collision_proximity,
+    constraint_weights,
     limit_potential,
 )
-from crar_drake.law.paper import Gains, constraint_weights
 
 PAPER = {"rho": 1.0, "alpha": 50.0, "beta": 2.0}
 

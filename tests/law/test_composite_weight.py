@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from crar_drake.law.constraint_weights import inertia_weight
+from crar_drake.law.paper import inertia_weight
 
 
 def random_inertia(n: int, seed: int = 3) -> np.ndarray:

@@ -6,7 +6,7 @@ Elsewhere they are compared in `tests/acceptance/test_paper_law.py`.
 import numpy as np
 import pytest
 
-from crar_drake.law.constraint_weights import (
+from crar_drake.law.paper import (
     LIMIT_CLAMP,
     approach_weights,
     limit_gradient,

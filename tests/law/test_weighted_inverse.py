@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from crar_drake.law.weighted_inverse import (
+from crar_drake.law.paper import (
     damped_inverse,
     inverse_times,
     project_to_null_space,

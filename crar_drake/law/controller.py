@@ -151,16 +151,14 @@ class CrarController(LeafSystem):
         model: ControlModel,
         parameters: Parameters | None = None,
         *,
-        plant_is_discrete: bool = True,
         obstacle_speeds: Sequence[float] = (),
         strict: bool = False,
     ) -> None:
         """
         Args:
-            model: the robot, its tasks and watched pairs.
+            model: the robot, its tasks and watched pairs; its plant is discrete if that
+                which takes the torque is, with the same time step.
             parameters: gains and modes; by default `LookaheadParameters()`.
-            plant_is_discrete: whether the plant that takes the torque is discrete;
-                see the class documentation for what it changes.
             obstacle_speeds: (N,) bounds of the speeds of obstacles [m/s].
             strict: whether a start inside a pair or beyond a limit, of which the first
                 step warns (CrarWarning), is an error.
@@ -177,9 +175,8 @@ class CrarController(LeafSystem):
             gains = gains.among_obstacles()
         self.law, self._strict = ControlLaw(model, gains), strict
         self.border = model.border
-        self._plant_is_discrete = plant_is_discrete
-        plant_step = model.plant.time_step() if plant_is_discrete else 0.0
-        ticks = self.law.parameters.torque_ticks(plant_step)
+        self._plant_step = model.plant.time_step()
+        ticks = self.law.parameters.torque_ticks(self._plant_step)
         self._torque_ticks, self._torque_period = ticks
 
         nq = model.plant.num_positions()
@@ -232,7 +229,7 @@ class CrarController(LeafSystem):
             sources,
         )
         period = self._torque_period
-        if plant_is_discrete and period != plant_step:
+        if self._plant_step and period != self._plant_step:
             # k periods and the plant's steps up to then may differ by rounding. A
             # tick just before the plant's step sees the state that it starts from;
             # one just after it would see the next one, and solve again.
@@ -380,7 +377,7 @@ class CrarController(LeafSystem):
         """The held solution, or that of a tick whose update has not come yet."""
         held = self._GetHeld(context)
         now, then = self._Tick(context.get_time()), (held.tick, held.torque_tick)
-        newer = now > then and self._plant_is_discrete
+        newer = now > then and self._plant_step > 0.0
         # An older tick: the user set the time back.
         if held.solution is None or newer or now < then:
             return self._solve_cache.Eval(context).memory.solution

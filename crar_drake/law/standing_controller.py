@@ -56,8 +56,7 @@ class StandingController(LeafSystem):
             update, on the motion up to there; the discrete update here comes after
             that, and takes the new accelerations. So the controller reads, at each
             tick, what assumption 2 of its theorem says (docs/theory/theorem.md) with a
-            plant's step of 0: give it a control model with `time_step=0.0`, and make it
-            with `plant_is_discrete=False`.
+            plant's step of 0: give it a control model with `time_step=0.0`.
         actuation: (nu,) efforts in the plant's actuator order [Nm or N]; those of a
             robot that has fallen just brake its joints.
         acceleration: (nv,) of the plant, as planned [rad/s^2, m/s^2].

@@ -241,7 +241,6 @@ def connect_controller(
     controller = CrarController(
         model,
         parameters,
-        plant_is_discrete=plant.time_step() > 0.0,
         obstacle_speeds=obstacle_speeds,
         strict=strict,
     )
@@ -342,9 +341,7 @@ def AddStandingController(
             f"that stands may explode; take at most {LONGEST_STANDING_STEP:g} s",
             strict,
         )
-    controller = builder.AddSystem(
-        CrarController(model, parameters, plant_is_discrete=False, strict=strict)
-    )
+    controller = builder.AddSystem(CrarController(model, parameters, strict=strict))
     standing = builder.AddSystem(StandingController(law, model, parameters.period))
     command = standing.get_output_port_commanded_state()
     acceleration = controller.get_output_port_desired_acceleration()

@@ -217,7 +217,7 @@ def test_the_command_does_exactly_as_told(law, tmp_path) -> None:
     target[:3] += [0.05, 0.02, 0.05]
     expected, _ = follow(model, parameters, np.tile(target, (30, 1)))
     builder = DiagramBuilder()
-    controller = CrarController(model, parameters, plant_is_discrete=False)
+    controller = CrarController(model, parameters)
     system = StandingController(law, model, PERIOD)
     for each in (controller, system):
         builder.AddSystem(each)

@@ -179,29 +179,22 @@ class CrarController(LeafSystem):
         ticks = self.law.parameters.torque_ticks(self._plant_step)
         self._torque_ticks, self._torque_period = ticks
 
-        nq = model.plant.num_positions()
-        nv = model.plant.num_velocities()
-        self._nq = nq
-        self._state_port = self.DeclareVectorInputPort("estimated_state", nq + nv)
-        self._tasks_port = self.DeclareVectorInputPort(
-            "desired_tasks", model.layout.size
-        )
-        self._prescribed_port = self._posture_port = None
-        if model.n_p:
-            self._prescribed_port = self.DeclareVectorInputPort(
-                "desired_prescribed", 3 * model.n_p
+        self._nq, nv = model.plant.num_positions(), model.plant.num_velocities()
+        self._locked = [] if self.border is None else [*self.border.locked.values()]
+        self._inputs = {
+            name: self.DeclareVectorInputPort(name, size)
+            for name, size in (
+                ("estimated_state", self._nq + nv),
+                ("desired_tasks", model.layout.size),
+                ("desired_prescribed", 3 * model.n_p),
+                ("nominal_posture", model.n * self.law.has_posture),
+                ("locked_positions", len(self._locked)),
             )
-        if self.law.has_posture:
-            self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
+            if size
+        }
         self._obstacles = ObstaclePort(self, obstacle_speeds)
         if self._obstacles and safe:
             self.law.among  # noqa: B018 (what does not go with them is refused now)
-
-        self._locked = [] if self.border is None else [*self.border.locked.values()]
-        self._locked_port = None
-        if self._locked:
-            size = len(self._locked)
-            self._locked_port = self.DeclareVectorInputPort("locked_positions", size)
 
         nothing_yet, still = Memory(), np.zeros(nv)
         self._start = Solution(
@@ -251,9 +244,8 @@ class CrarController(LeafSystem):
         self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
             "diagnostics", end, self._CalcDiagnostics, sources
         )
-        inputs = "estimated_state desired_tasks desired_prescribed nominal_posture"
-        names = [f"input port {name} of {self.get_name()}" for name in inputs.split()]
-        self._state_name, self.law.target_names = names[0], tuple(names[1:])
+        targets = "desired_tasks", "desired_prescribed", "nominal_posture"
+        self.law.target_names = tuple(map(self._named, targets))
 
     @property
     def model(self) -> ControlModel:
@@ -262,11 +254,11 @@ class CrarController(LeafSystem):
 
     def get_input_port_estimated_state(self) -> InputPort:
         """Port (nq + nv,): measured [q; v]."""
-        return self._state_port
+        return self._inputs["estimated_state"]
 
     def get_input_port_desired_tasks(self) -> InputPort:
         """Port (layout.size,): [x_d; v_d; a_d]."""
-        return self._tasks_port
+        return self._inputs["desired_tasks"]
 
     def get_input_port_desired_prescribed(self) -> InputPort:
         """Port (3 n_p,): [q_p; q_dot_p; q_ddot_p].
@@ -274,9 +266,9 @@ class CrarController(LeafSystem):
         Raises:
             InputError: no joint is prescribed.
         """
-        if self._prescribed_port is None:
+        if "desired_prescribed" not in self._inputs:
             raise InputError(f"{self.get_name()}: no joint is prescribed")
-        return self._prescribed_port
+        return self._inputs["desired_prescribed"]
 
     def get_input_port_nominal_posture(self) -> InputPort:
         """Port (n,), may be left open.
@@ -284,12 +276,12 @@ class CrarController(LeafSystem):
         Raises:
             InputError: the law has none: the paper's, or one whose `posture_gain` is 0.
         """
-        if self._posture_port is None:
+        if "nominal_posture" not in self._inputs:
             raise InputError(
                 f"{self.get_name()}: the law draws to no posture: give "
                 "LookaheadParameters(posture_gain=...)"
             )
-        return self._posture_port
+        return self._inputs["nominal_posture"]
 
     def get_input_port_obstacles(self) -> InputPort:
         """Port (4 N,), may be left open: [x; y; z; radius] of each obstacle now.
@@ -352,7 +344,7 @@ class CrarController(LeafSystem):
 
     def _Promise(self, context: Context, solution: Solution) -> float:
         """What is missing of the promise; the first of PROMISES that is."""
-        off = np.abs(self._EvalPort(self._locked_port, context) - self._locked)
+        off = np.abs(self._EvalPort("locked_positions", context) - self._locked)
         missing = (
             self.law.parameters.constraints != "lookahead",
             self.border is not None and bool(self.border.said),
@@ -391,9 +383,9 @@ class CrarController(LeafSystem):
         time = context.get_time()
         tick, torque_tick = self._Tick(time)
         held = self._GetHeld(context)
-        x = self._EvalPort(self._state_port, context)
+        x = self._EvalPort("estimated_state", context)
         if not is_finite(x):
-            check_finite(self._state_name, x, time)
+            check_finite(self._named("estimated_state"), x, time)
         solve = value.get_value()
         workspace = solve.workspace
         q, v = x[: self._nq], x[self._nq :]
@@ -405,9 +397,9 @@ class CrarController(LeafSystem):
         if memory.solution is None:
             self._tell_of_the_start(q)
         targets = Targets(
-            self._EvalPort(self._tasks_port, context),
-            self._EvalPort(self._prescribed_port, context),
-            self._EvalPosture(context),
+            self._EvalPort("desired_tasks", context),
+            self._EvalPort("desired_prescribed", context),
+            self._EvalPort("nominal_posture", context, may_be_open=True),
         )
         obstacles = self._obstacles.Eval(context)
         solve.memory = self.law.solve(
@@ -439,23 +431,24 @@ class CrarController(LeafSystem):
                 self._strict,
             )
 
-    def _EvalPort(self, port: InputPort | None, context: Context) -> np.ndarray:
-        if port is None:
+    def _named(self, name: str) -> str:
+        """What errors call an input port."""
+        return f"input port {name} of {self.get_name()}"
+
+    def _EvalPort(
+        self, name: str, context: Context, may_be_open: bool = False
+    ) -> np.ndarray:
+        """The value of an input port; (0,) of one that is not there, or open and may
+        be."""
+        port = self._inputs.get(name)
+        if port is None or (may_be_open and not port.HasValue(context)):
             return _NOTHING
         try:
             return port.Eval(context)
         except RuntimeError as error:
             if port.HasValue(context):
                 raise
-            raise InputError(
-                f"input port {port.get_name()} of {self.get_name()} is not connected"
-            ) from error
-
-    def _EvalPosture(self, context: Context) -> np.ndarray:
-        port = self._posture_port
-        if port is None or not port.HasValue(context):
-            return _NOTHING
-        return port.Eval(context)
+            raise InputError(f"{self._named(name)} is not connected") from error
 
     def _GetHeld(self, context: Context) -> Memory:
         return context.get_abstract_state(self._held_index).get_value()

@@ -228,20 +228,14 @@ class ControlLaw:
             InputError: an argument has a NaN or the wrong size; it is named.
         """
         model, memory = self.model, self._memory
-        q, v = _of_sizes(
-            ("q", q, model.plant.num_positions()),
-            ("v", v, model.plant.num_velocities()),
-        )
+        tick = memory.tick + 1
+        q, v, time = self._given(q, v, tick)
         given = self.has_posture and nominal_posture is not None
         targets = _of_sizes(
             ("tasks", tasks, model.layout.size),
             ("prescribed", prescribed, 3 * model.n_p),
             ("nominal_posture", nominal_posture, model.n * given),
         )
-        tick = memory.tick + 1
-        time = tick * self.parameters.period
-        check_finite("q", q, time)
-        check_finite("v", v, time)
         self._memory = self.solve(
             self._workspace, memory, tick, time, q, v, Targets(*targets), obstacles
         )
@@ -266,16 +260,21 @@ class ControlLaw:
         """
         if self._memory.solution is None:
             raise InputError("there is no acceleration to hold yet: call step first")
-        q, v = _of_sizes(
-            ("q", q, self.model.plant.num_positions()),
-            ("v", v, self.model.plant.num_velocities()),
-        )
-        time = self._memory.tick * self.parameters.period
-        check_finite("q", q, time)
-        check_finite("v", v, time)
+        q, v, _ = self._given(q, v, self._memory.tick)
         tick = self._memory.torque_tick + 1
         self._memory = self.hold(self._workspace, self._memory, tick, q, v)
         return self._memory.solution.actuation
+
+    def _given(
+        self, q: np.ndarray, v: np.ndarray, tick: int
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """A state from a user, and the time of a step [s]; raises InputError."""
+        plant, time = self.model.plant, tick * self.parameters.period
+        given = ("q", q, plant.num_positions()), ("v", v, plant.num_velocities())
+        q, v = _of_sizes(*given)
+        check_finite("q", q, time)
+        check_finite("v", v, time)
+        return q, v, time
 
     def solve(
         self,

@@ -117,8 +117,9 @@ class ControlLaw:
         if self._plans:
             of = self._constraints
             self._nominal = Plan(
-                *(model, of.pairs.shapes, ahead, tasks, of.limits, of.motors),
-                self._period,
+                *(model, of.pairs.shapes, ahead, tasks),
+                (of.limits.lower, of.limits.upper),
+                *(None if of.motors is None else of.motors.plan_rows, self._period),
             )
         else:
             self._nominal = PaperLaw(

@@ -6,6 +6,7 @@
     paper, plan, joint_command  nominals, a file each
     constraints                 those of a robot; the braking time constant T
     control_law, safety_filter  tasks, or joint commands, to safe accelerations
+    measured                    what is believed of measured states
     controller, safety_filter_system, standing_controller
                                 their Drake systems
     parameters                  of all of them
@@ -15,9 +16,7 @@ The paper's equations, indexed in `docs/theory/equations.md`:
     tasks                   Eqs. (4), (7), (8), (11)
     kinematics              Eqs. (5), (6), (20)
     references              Eqs. (9), (11), (14)
-    constraint_weights      Eqs. (17), (18), (21), (23), (28)
-    weighted_inverse        Eqs. (16), (31), (34)
-    paper                   Eqs. (10), (12), (13), (15), (17)-(28), (30)-(35)
+    paper                   Eqs. (10), (12), (13), (15)-(28), (30)-(35)
 
 A constraint of one's own is a class with the methods of `Constraint`;
 `examples/own_constraint.py` has one.

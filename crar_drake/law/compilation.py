@@ -14,8 +14,7 @@ import numba
 from numba.core import event
 from numba.experimental import structref
 
-from crar_drake.law.kept_programs import Kept
-from crar_drake.law.whole_programs import Program, ProgramCompiler
+from crar_drake.law.programs import Program
 
 COMPILING = "compiling for this computer, once: this takes some minutes"
 
@@ -23,25 +22,14 @@ _REPORTED_EVERY = 5.0  # [s]
 
 
 def compiled(function: Callable) -> Program:
-    """Decorator: the function, compiled at its first call.
+    """Decorator: the function, compiled at its first call, and kept.
 
-    As by `numba.njit(error_model="numpy")`, but see `whole_programs`; and kept.
+    As by `numba.njit(error_model="numpy")`, but see `law.programs`.
 
     Args:
         function: in the part of NumPy that Numba compiles.
     """
-    made = Program(
-        function,
-        targetoptions={
-            "nopython": True,
-            "boundscheck": None,
-            "error_model": "numpy",
-            "no_cfunc_wrapper": True,
-        },
-        pipeline_class=ProgramCompiler,
-    )
-    made._cache = Kept(function)
-    return made
+    return Program.of(function)
 
 
 @structref.register
@@ -85,44 +73,32 @@ def _held(holder):
     return holder.value
 
 
-class _Told(event.Listener):
-    """Who is told that Numba compiles: on stderr once, unless somebody else wants to
-    be."""
+class _Teller(event.Listener):
+    """Tells that Numba compiles: on stderr once, unless `when_compiling`."""
 
-    def __init__(self) -> None:
-        self.by_others: list[Callable[[str], None]] = []
-        self._functions, self._start, self._reported, self._said = 0, 0.0, 0.0, False
+    tell: Callable[[str], None] | None = None
+    count, begun, told, said = 0, 0.0, 0.0, False
 
     def on_start(self, of: event.Event) -> None:
         now = time.monotonic()
-        if not self._reported:
-            if not isinstance(of.data["dispatcher"], Program):
-                return  # of other packages
-            self._start = self._reported = now
-            self._functions = 0
-            self._tell(COMPILING)
-        elif now - self._reported >= _REPORTED_EVERY and self.by_others:
-            self._reported, passed = now, now - self._start
-            self._tell(f"{self._functions} functions compiled in {passed:.0f} s")
+        if not self.begun and isinstance(of.data["dispatcher"], Program):
+            self.count, self.begun, self.told = 0, now, now
+            if self.tell:
+                self.tell(COMPILING)
+            elif not self.said:
+                self.said = True
+                with suppress(OSError, ValueError, AttributeError):  # closed, or none
+                    print(f"crar_drake: {COMPILING}", file=sys.stderr, flush=True)
+        elif self.begun and self.tell and now - self.told >= _REPORTED_EVERY:
+            self.told, passed = now, now - self.begun
+            self.tell(f"{self.count} functions compiled in {passed:.0f} s")
 
     def on_end(self, _: event.Event) -> None:
-        self._functions += 1
-
-    def _tell(self, line: str) -> None:
-        if self.by_others:
-            self.by_others[-1](line)
-        elif not self._said:
-            self._said = True
-            with suppress(OSError, ValueError, AttributeError):  # closed, or none
-                print(f"crar_drake: {line}", file=sys.stderr, flush=True)
-
-    def begin_anew(self) -> None:
-        """Forgets what was told."""
-        self._reported = 0.0
+        self.count += 1
 
 
-_told = _Told()
-event.register("numba:compile", _told)
+_teller = _Teller()
+event.register("numba:compile", _teller)
 
 
 @contextmanager
@@ -134,10 +110,8 @@ def when_compiling(tell: Callable[[str], None]) -> Iterator[None]:
         tell: is called with one at the first function, and every few seconds from then
             on with how many are compiled.
     """
-    _told.by_others.append(tell)
-    _told.begin_anew()
+    before, _teller.tell, _teller.begun = _teller.tell, tell, 0.0
     try:
         yield
     finally:
-        _told.by_others.remove(tell)
-        _told.begin_anew()
+        _teller.tell, _teller.begun = before, 0.0

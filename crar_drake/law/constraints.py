@@ -15,11 +15,11 @@ from crar_drake.law.approach import Approach
 from crar_drake.law.compilation import hold
 from crar_drake.law.ground import Ground
 from crar_drake.law.limits import Limits
+from crar_drake.law.measured import fastest_asked
 from crar_drake.law.motors import Motors
 from crar_drake.law.obstacles import Regions
 from crar_drake.law.pairs import Pairs
 from crar_drake.law.parameters import LEAST_PERIODS, LookaheadParameters
-from crar_drake.law.plausible import fastest_asked
 from crar_drake.law.spheres import MovingSpheres
 from crar_drake.law.step import SCALED, Constraint, State, Step, step
 from crar_drake.law.tracking_error import (

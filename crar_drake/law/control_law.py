@@ -9,8 +9,6 @@ goes on: `ControlLaw.hold`, or `ControlLaw.torque` in a user's own loop.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -18,16 +16,13 @@ import numpy as np
 
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.law.blending import smooth_step
-from crar_drake.law.constraint_weights import composite_index
 from crar_drake.law.constraints import Braking, RobotConstraints
-from crar_drake.law.lateness import LATEST, Lateness, watch_lateness
+from crar_drake.law.measured import MeasuredStates
 from crar_drake.law.motors import Motors, clip_torque, share_of_nominal
-from crar_drake.law.nominal import Nominal, TaskLaw
 from crar_drake.law.obstacles import Obstacles
 from crar_drake.law.paper import Gains, PaperLaw
-from crar_drake.law.parameters import LookaheadParameters, PaperGains, Parameters
-from crar_drake.law.plan import Plan, make_preview, posture_near_limits
-from crar_drake.law.plausible import PlausibleStates
+from crar_drake.law.parameters import LookaheadParameters, Parameters
+from crar_drake.law.plan import Plan, posture_near_limits
 from crar_drake.law.prediction import state_ahead
 from crar_drake.law.records import (
     STATUS_BLENDING,
@@ -39,7 +34,7 @@ from crar_drake.law.records import (
     Solution,
     check_finite,
 )
-from crar_drake.law.references import Targets, TaskGains
+from crar_drake.law.references import Nominal, Targets, TaskGains, TaskLaw
 from crar_drake.law.spheres import MovingSpheres
 from crar_drake.law.step import AS_NOMINAL, State, Step, step
 from crar_drake.law.vectors import is_finite
@@ -47,8 +42,6 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
-# Of a period: so little more is none.
-_ROUNDING = 1e-9
 # A robot that is off its command by less is where it was told to be [rad or m, per
 # second]: what was shown of the command holds, for the safety distance has it to spare.
 _AS_TOLD = 1e-6
@@ -87,23 +80,17 @@ class ControlLaw:
             raise ModelError("give the control model at least one task")
         model.description.refuse_floating()
         self.model = model
-        self.parameters = parameters or LookaheadParameters()
-        self.parameters.validate()
-        gains = self.parameters
+        self.parameters = gains = parameters or LookaheadParameters()
+        gains.validate()
         # Always of one type, lest functions be compiled for another.
-        self._blend_time = float(gains.blend_time)
-        self._period = float(gains.period)
-        self._latency = float(gains.latency)
+        self._blend_time, self._period = float(gains.blend_time), float(gains.period)
         self._plant_step = float(model.plant.time_step())
-        self._torque_period = float(gains.torque_period_for(self._plant_step))
+        self._torque_period = float(gains.torque_ticks(self._plant_step)[1])
         self._rest = model.rest_positions()
-        self._rest_posture = self._rest[model.controlled_positions]
-        self._has_limits = np.isfinite(model.upper - model.lower)
         self.speed_limits = gains.speed_limits(model)
         self.effort_limits = gains.limits_of_efforts(model)
         self._limits_efforts = bool(np.isfinite(self.effort_limits).any())
         self._safe, self._plans = gains.constraints == "lookahead", gains.plans
-        self._plausible = PlausibleStates(model, self._period)
         self._constraints = self._motors = None
         crowded = model.m >= model.n
         of_paper, stiffness = gains, 0.0
@@ -123,26 +110,20 @@ class ControlLaw:
             *(float(of_paper.K), float(of_paper.Kp), float(of_paper.velocity_gain)),
             *(stiffness, weights),
         )
+        # A plan is stiff: a lag that nobody has told of is looked for.
+        of = model, self._period, float(gains.latency), self._plans
+        self._measured = MeasuredStates(*of)
         self._nominal: TaskLaw
-        # The oldest commands whose effect a late state does not show yet.
-        late = self._latency / self._period * (1.0 - _ROUNDING)
-        self._num_sent = math.ceil(late) + 1 if late else 0
         if self._plans:
-            preview = make_preview(
-                *(ahead.preview, ahead.smoothness, ahead.damping, stiffness),
-                *(self._period, ahead.farthest_pull, ahead.null_space_damping),
-            )
-            limits = self._constraints.limits
+            of = self._constraints
             self._nominal = Plan(
-                *(model, self._constraints.pairs.shapes, preview, tasks),
-                ahead.approach,
-                *(limits.lower, limits.upper, self._period),
+                *(model, of.pairs.shapes, ahead, tasks),
+                (of.limits.lower, of.limits.upper),
+                *(None if of.motors is None else of.motors.plan_rows, self._period),
             )
-            # A plan is stiff: a lag that nobody has told of is looked for.
-            self._num_sent = math.ceil(late) + round(LATEST / self._period) + 2
         else:
             self._nominal = PaperLaw(
-                *(model, tasks, paper_gains(of_paper, self._period, len(model.pairs))),
+                *(model, tasks, Gains.of(of_paper, self._period, len(model.pairs))),
                 constrained=gains.constraints != "none",
                 with_inertia=of_paper.metric == "inertia",
             )
@@ -209,7 +190,8 @@ class ControlLaw:
             return _NOTHING
         model = self.model
         here = q[model.controlled_positions]
-        posture = np.where(self._has_limits, self._rest_posture, here)
+        rest = self._rest[model.controlled_positions]
+        posture = np.where(np.isfinite(model.upper - model.lower), rest, here)
         if self._plans:
             posture = posture_near_limits(here, posture, model.lower, model.upper)
         return posture
@@ -247,20 +229,14 @@ class ControlLaw:
             InputError: an argument has a NaN or the wrong size; it is named.
         """
         model, memory = self.model, self._memory
-        q, v = _of_sizes(
-            ("q", q, model.plant.num_positions()),
-            ("v", v, model.plant.num_velocities()),
-        )
+        tick = memory.tick + 1
+        q, v, time = self._given(q, v, tick)
         given = self.has_posture and nominal_posture is not None
         targets = _of_sizes(
             ("tasks", tasks, model.layout.size),
             ("prescribed", prescribed, 3 * model.n_p),
             ("nominal_posture", nominal_posture, model.n * given),
         )
-        tick = memory.tick + 1
-        time = tick * self.parameters.period
-        check_finite("q", q, time)
-        check_finite("v", v, time)
         self._memory = self.solve(
             self._workspace, memory, tick, time, q, v, Targets(*targets), obstacles
         )
@@ -285,16 +261,21 @@ class ControlLaw:
         """
         if self._memory.solution is None:
             raise InputError("there is no acceleration to hold yet: call step first")
-        q, v = _of_sizes(
-            ("q", q, self.model.plant.num_positions()),
-            ("v", v, self.model.plant.num_velocities()),
-        )
-        time = self._memory.tick * self.parameters.period
-        check_finite("q", q, time)
-        check_finite("v", v, time)
+        q, v, _ = self._given(q, v, self._memory.tick)
         tick = self._memory.torque_tick + 1
         self._memory = self.hold(self._workspace, self._memory, tick, q, v)
         return self._memory.solution.actuation
+
+    def _given(
+        self, q: np.ndarray, v: np.ndarray, tick: int
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """A state from a user, and the time of a step [s]; raises InputError."""
+        plant, time = self.model.plant, tick * self.parameters.period
+        given = ("q", q, plant.num_positions()), ("v", v, plant.num_velocities())
+        q, v = _of_sizes(*given)
+        check_finite("q", q, time)
+        check_finite("v", v, time)
+        return q, v, time
 
     def solve(
         self,
@@ -332,38 +313,32 @@ class ControlLaw:
         """
         model = self.model
         before = memory if tick == memory.tick + 1 else Memory()
-        lateness = None
-        if self._plans:
-            told = self._latency / self._period
-            # One glitch would outweigh all else for seconds.
-            seen = self._plausible.believed(v, before.v)
-            lateness = watch_lateness(
-                before.lateness, seen, before.sent, told, self._period
-            )
-        q, v = self._predict(before.sent, lateness, self._period, q, v)
-        believed = v
-        if self._safe:
-            believed = self._plausible.believed(v, before.v)
+        measured = self._measured
+        lateness = measured.watch(before.lateness, v, before.v, before.sent)
+        q, v = measured.now(before.sent, lateness, self._period, q, v)
+        believed = measured.believed(v, before.v) if self._safe else v
         model.plant.SetPositionsAndVelocities(
             workspace.plant_context, np.concatenate((q, believed))
         )
         braking = self._known(before, obstacles, q, believed)
-        status, nominal, start = STATUS_TRACKING, None, memory.start
-        start_time = memory.start_time
-        if believed is not v or not self._came(before, q, v):
+        status, nominal = STATUS_TRACKING, None
+        start_time, start = memory.start_time, memory.start
+        came = before.q is None or not self._safe
+        came = came or measured.way(before.q, before.v, q, v)
+        if believed is not v or not came:
             status = STATUS_IMPLAUSIBLE
         elif not self._usable(targets, time):
             status = STATUS_BRAKING
         else:
             if start is None:
-                start_time, start = time, self._start(q)
+                here = model.tasks_at(q)[: model.layout.size_x]
+                start = np.concatenate((here, q[model.prescribed_positions]))
+                start_time = time
             blend = smooth_step(time - start_time, self._blend_time)
             if blend[0] < 1.0:
                 status = STATUS_BLENDING
             targets = self._blended(targets, q, start, blend)
-            kept = before.solution.kept if before.continues else None
-            efforts = self._motor_rows(q, v)
-            nominal = self._nominal(workspace, q, v, targets, kept, efforts)
+            nominal = self._nominal(workspace, q, v, targets, before.kept)
             if not is_finite(nominal.vdot):
                 # A quaternion of zero length is a number, but no orientation.
                 if is_finite(nominal.task_error):
@@ -373,7 +348,11 @@ class ControlLaw:
                         "sense?"
                     )
                 if not self.brakes_without_targets:
-                    raise _no_orientation("desired_tasks", time)
+                    raise InputError(
+                        "desired_tasks has a quaternion of zero length at t = "
+                        f"{time:g} s; give unit quaternions (w, x, y, z), see "
+                        "TaskLayout"
+                    )
                 status, nominal = STATUS_BRAKING, None
         going_on = nominal is not None
         if not going_on:
@@ -387,11 +366,11 @@ class ControlLaw:
             solution=solution,
             q=q,
             v=v if going_on else believed + self._period * solution.acceleration,
-            continues=going_on,
+            kept=nominal.kept if going_on else None,
             start_time=start_time if going_on else None,
             start=start if going_on else None,
             braking=braking,
-            sent=self._sent(before, solution),
+            sent=(solution.acceleration, *before.sent)[: measured.num_sent],
             lateness=lateness,
         )
 
@@ -429,12 +408,6 @@ class ControlLaw:
             posture = here + blend[0] * (posture - here)
         return Targets(targets.tasks, targets.prescribed, posture, start, blend)
 
-    def _motor_rows(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(k, nv + 2) of `law.nominal.TaskLaw`, for a plan."""
-        if self._motors is None or not self._plans:
-            return np.zeros((0, len(v) + 2))
-        return self._motors.plan_rows(*self.model.in_order(q, v))
-
     def _braking(self, v: np.ndarray, before: Braking) -> Nominal:
         """q_ddot = -q_dot / T, of all joints."""
         model = self.model
@@ -454,11 +427,9 @@ class ControlLaw:
         """The step nearest to a nominal that is safe, and what follows from it.
 
         Args:
-            workspace: at the state.
-            q, v: (nq,), (nv,) the state.
-            nominal: of this step.
+            workspace: at the state (nq,), (nv,).
             before: what is known of its braking path.
-            going_on: else it is braking, over whatever T will do.
+            going_on: else the nominal is braking, over whatever T will do.
         """
         model, n = self.model, self.model.n
         vdot, how, found = nominal.vdot, {}, None
@@ -469,7 +440,11 @@ class ControlLaw:
             if not going_on:
                 return np.zeros(n)
             s = rate[:n] + T * asked[:n]
-            return s if self._plans else self._slowed(s)
+            if self._plans:
+                return s
+            # Feedback may ask for more than the speed that q_s is to move at most.
+            fastest, limit = np.abs(s).max(), self._constraints.fastest
+            return s if fastest <= limit else (limit / fastest) * s
 
         braking, state = before, None
         if self._safe:
@@ -505,7 +480,6 @@ class ControlLaw:
             constraint_weights=nominal.weights,
             constrained_velocity=nominal.qdot_c,
             **how,
-            kept=nominal.kept,
             actuation=actuation,
             position_command=state_ahead(
                 *(q, v, vdot, self._period, self._plant_step),
@@ -516,12 +490,6 @@ class ControlLaw:
             measured=(model, q),
         )
         return solution, braking
-
-    def _slowed(self, s: np.ndarray) -> np.ndarray:
-        """s (n,), scaled to the speed that q_s is asked to move at most."""
-        fastest = np.abs(s).max()
-        limit = self._constraints.fastest
-        return s if fastest <= limit else (limit / fastest) * s
 
     def _reported(
         self, found: Step, state: State, before: Braking
@@ -547,18 +515,6 @@ class ControlLaw:
                 check_finite(name, value, time)
         return finite
 
-    def _start(self, q: np.ndarray) -> np.ndarray:
-        """What is measured, to blend from: `Targets.start`."""
-        model = self.model
-        x = model.tasks_at(q)[: model.layout.size_x]
-        return np.concatenate((x, q[model.prescribed_positions]))
-
-    def _came(self, before: Memory, q: np.ndarray, v: np.ndarray) -> bool:
-        """Whether a robot may have come here from the state a period ago."""
-        if before.q is None or not self._safe:
-            return True
-        return self._plausible.way(before.q, before.v, q, v)
-
     def hold(
         self,
         workspace: Workspace,
@@ -580,9 +536,9 @@ class ControlLaw:
         """
         model, solved = self.model, memory.solution
         held = torque_tick * self._torque_period
-        q, v = self._predict(memory.sent, memory.lateness, held, q, v)
+        q, v = self._measured.now(memory.sent, memory.lateness, held, q, v)
         if self._safe and memory.q is not None:
-            v = self._plausible.believed(v, memory.v)
+            v = self._measured.believed(v, memory.v)
         model.plant.SetPositionsAndVelocities(
             workspace.plant_context, np.concatenate((q, v))
         )
@@ -592,60 +548,12 @@ class ControlLaw:
             actuation, excess = clip_torque(actuation, self.effort_limits)
             torque_limit = np.array([torque_limit[0], excess])
         solution = replace(solved, actuation=actuation, torque_limit=torque_limit)
-        return memory.at_torque_tick(torque_tick, solution)
-
-    def _predict(
-        self,
-        sent: Sequence[np.ndarray],
-        lateness: Lateness | None,
-        held: float,
-        q: np.ndarray,
-        v: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The state now, if q, v was that a latency ago and the robot did as told: by
-        the accelerations `sent`, the newest of them first, and `held` for so long [s].
-        """
-        model, left, since = self.model, self._latency, []
-        if lateness is not None:
-            left += lateness.periods * self._period
-        for vdot in sent:
-            if left <= _ROUNDING * self._period:
-                break
-            time = min(held, left)
-            since.append((vdot, time))
-            left, held = left - time, self._period
-        for vdot, time in reversed(since):
-            x = state_ahead(
-                q, v, vdot, time, self._plant_step, model.positions, model.order
-            )
-            q, v = x[: len(q)], x[len(q) :]
-        return q, v
-
-    def _sent(self, before: Memory, solution: Solution) -> tuple[np.ndarray, ...]:
-        """`Memory.sent` after a step with this solution."""
-        return (solution.acceleration, *before.sent)[: self._num_sent]
+        return replace(memory, torque_tick=torque_tick, solution=solution)
 
     @property
     def brakes_without_targets(self) -> bool:
         """Whether a NaN in the targets makes the robot brake, not raise."""
         return self._safe
-
-
-def paper_gains(parameters: PaperGains, period: float, num_pairs: int) -> Gains:
-    """The numbers of the paper's law; what is not given is NaN, or as the paper has
-    it."""
-    share = parameters.limit_share
-    return Gains(
-        damping=float(parameters.damping),
-        Gv=float(parameters.Gv),
-        GvN=math.nan if parameters.GvN is None else float(parameters.GvN),
-        rho=float(parameters.rho),
-        alpha=float(parameters.alpha),
-        beta=float(parameters.beta),
-        limit_share=composite_index(num_pairs) if share is None else float(share),
-        period=float(period),
-        velocity_level=parameters.level == "velocity",
-    )
 
 
 def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:
@@ -661,10 +569,3 @@ def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:
             raise InputError(f"{name} has shape {np.shape(value)}; {must}")
         arrays.append(np.array(value, dtype=float, order="C"))
     return arrays
-
-
-def _no_orientation(what: str, time: float) -> InputError:
-    return InputError(
-        f"{what} has a quaternion of zero length at t = {time:g} s; give unit "
-        "quaternions (w, x, y, z), see TaskLayout"
-    )

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from operator import attrgetter
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -19,10 +18,12 @@ from pydrake.systems.framework import (
 
 from crar_drake.errors import InputError, few, tell
 from crar_drake.law.control_law import ControlLaw
-from crar_drake.law.diagnostics import ALL, GUARANTEED, PROMISES
 from crar_drake.law.obstacle_port import ObstaclePort
 from crar_drake.law.parameters import LookaheadParameters, Parameters
 from crar_drake.law.records import (
+    GUARANTEED,
+    PARTS,
+    PROMISES,
     STATUS_IMPLAUSIBLE,
     Memory,
     Solution,
@@ -41,8 +42,12 @@ _ROUNDING = 1e-9
 # A locked joint that is farther from its place does not count as locked [rad or m].
 _LOCKED = 1e-3
 
-# All that is reported of a solution, at once.
-_reported = attrgetter(*(diagnostic.key for diagnostic in ALL))
+# Parts that have a port of their own, and whether it shows what is held alone.
+_CONNECTED = {
+    "actuation": False,
+    "desired_acceleration": True,
+    "position_command": True,
+}
 
 
 @dataclass(slots=True)
@@ -105,26 +110,13 @@ class CrarController(LeafSystem):
             below one after the other; `diagnostics_slices` says where, and
             `diagnostics(context)` has them by name.
 
-    Parts of diagnostics:
-        task_error: (m,) Eq. (11) against desired_tasks [rad, m].
-        signed_distances: (Nc,) in the order of the description's pairs [m].
-        constraint_weights: (n,) diagonal of W, Eq. (27).
-        status: (1,) 0 tracking, 1 blending in, 2 braking because a target is NaN, 3
-            braking because no robot has the measured state (`law.plausible`).
-        torque_limit: (2,) share of the nominal accelerations that the effort limits
-            allowed, and the excess before clipping of the present torque tick, see
-            `Solution`.
-        admission: (4,) how the step was found (0 nominal, 1 corrected, 2
-            scaled towards braking), the share of the nominal step, a bound from below
-            for all distances on the braking path one period on [m], and whether joints
-            are within their limits and the present one is clear (1) or not (0), see
-            `docs/theory/theorem.md`.
-        balance: (3,) the same of a robot on its soles, see `law.ground`.
-        T: (1,) braking time constant of the step [s]. These three are NaN unless
-            constraints are "lookahead".
+    Parts of diagnostics, see `Solution` for those that are not above:
+        task_error (m,), signed_distances (Nc,) in the order of the description's pairs
+            [m], constraint_weights (n,), status (1,), torque_limit (2,), admission
+            (4,), balance (3,), T (1,).
         promise: (1,) 0 if watched pairs stay apart and joints within their limits, else
             what is missing, by its number; `diagnostics` has the word, "guaranteed" or
-            another one of `law.diagnostics.PROMISES`.
+            another one of `law.records.PROMISES`.
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises
@@ -159,16 +151,14 @@ class CrarController(LeafSystem):
         model: ControlModel,
         parameters: Parameters | None = None,
         *,
-        plant_is_discrete: bool = True,
         obstacle_speeds: Sequence[float] = (),
         strict: bool = False,
     ) -> None:
         """
         Args:
-            model: the robot, its tasks and watched pairs.
+            model: the robot, its tasks and watched pairs; its plant is discrete if that
+                which takes the torque is, with the same time step.
             parameters: gains and modes; by default `LookaheadParameters()`.
-            plant_is_discrete: whether the plant that takes the torque is discrete;
-                see the class documentation for what it changes.
             obstacle_speeds: (N,) bounds of the speeds of obstacles [m/s].
             strict: whether a start inside a pair or beyond a limit, of which the first
                 step warns (CrarWarning), is an error.
@@ -185,34 +175,26 @@ class CrarController(LeafSystem):
             gains = gains.among_obstacles()
         self.law, self._strict = ControlLaw(model, gains), strict
         self.border = model.border
-        self._plant_is_discrete = plant_is_discrete
-        plant_step = model.plant.time_step() if plant_is_discrete else 0.0
-        self._torque_ticks = self.law.parameters.torque_ticks(plant_step)
-        self._torque_period = self.law.parameters.torque_period_for(plant_step)
+        self._plant_step = model.plant.time_step()
+        ticks = self.law.parameters.torque_ticks(self._plant_step)
+        self._torque_ticks, self._torque_period = ticks
 
-        nq = model.plant.num_positions()
-        nv = model.plant.num_velocities()
-        self._nq = nq
-        self._state_port = self.DeclareVectorInputPort("estimated_state", nq + nv)
-        self._tasks_port = self.DeclareVectorInputPort(
-            "desired_tasks", model.layout.size
-        )
-        self._prescribed_port = self._posture_port = None
-        if model.n_p:
-            self._prescribed_port = self.DeclareVectorInputPort(
-                "desired_prescribed", 3 * model.n_p
+        self._nq, nv = model.plant.num_positions(), model.plant.num_velocities()
+        self._locked = [] if self.border is None else [*self.border.locked.values()]
+        self._inputs = {
+            name: self.DeclareVectorInputPort(name, size)
+            for name, size in (
+                ("estimated_state", self._nq + nv),
+                ("desired_tasks", model.layout.size),
+                ("desired_prescribed", 3 * model.n_p),
+                ("nominal_posture", model.n * self.law.has_posture),
+                ("locked_positions", len(self._locked)),
             )
-        if self.law.has_posture:
-            self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
+            if size
+        }
         self._obstacles = ObstaclePort(self, obstacle_speeds)
         if self._obstacles and safe:
             self.law.among  # noqa: B018 (what does not go with them is refused now)
-
-        self._locked = [] if self.border is None else [*self.border.locked.values()]
-        self._locked_port = None
-        if self._locked:
-            size = len(self._locked)
-            self._locked_port = self.DeclareVectorInputPort("locked_positions", size)
 
         nothing_yet, still = Memory(), np.zeros(nv)
         self._start = Solution(
@@ -240,7 +222,7 @@ class CrarController(LeafSystem):
             sources,
         )
         period = self._torque_period
-        if plant_is_discrete and period != plant_step:
+        if self._plant_step and period != self._plant_step:
             # k periods and the plant's steps up to then may differ by rounding. A
             # tick just before the plant's step sees the state that it starts from;
             # one just after it would see the next one, and solve again.
@@ -248,26 +230,22 @@ class CrarController(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._Update)
 
         self._outputs, self.diagnostics_slices, end = {}, {}, 0
-        for part in ALL:
-            name, size = part.name, part.size(model)
-            if part.connected:
-                held_alone = name != "actuation"
-                self._outputs[name] = self.DeclareVectorOutputPort(
-                    name,
-                    size,
-                    self._MakeOutputCalc(part.key, held_alone),
-                    {self.abstract_state_ticket(held)} if held_alone else sources,
-                )
+        for name, size_of in (PARTS | {"promise": lambda model: 1}).items():
+            size = size_of(model)
             self.diagnostics_slices[name] = slice(end, end + size)
             end += size
-        self.diagnostics_slices["promise"] = slice(end, end + 1)
-        end += 1
+            if name in _CONNECTED:
+                tickets = sources
+                if _CONNECTED[name]:
+                    tickets = {self.abstract_state_ticket(held)}
+                self._outputs[name] = self.DeclareVectorOutputPort(
+                    name, size, self._MakeOutputCalc(name), tickets
+                )
         self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
             "diagnostics", end, self._CalcDiagnostics, sources
         )
-        inputs = "estimated_state desired_tasks desired_prescribed nominal_posture"
-        names = [f"input port {name} of {self.get_name()}" for name in inputs.split()]
-        self._state_name, self.law.target_names = names[0], tuple(names[1:])
+        targets = "desired_tasks", "desired_prescribed", "nominal_posture"
+        self.law.target_names = tuple(map(self._named, targets))
 
     @property
     def model(self) -> ControlModel:
@@ -276,11 +254,11 @@ class CrarController(LeafSystem):
 
     def get_input_port_estimated_state(self) -> InputPort:
         """Port (nq + nv,): measured [q; v]."""
-        return self._state_port
+        return self._inputs["estimated_state"]
 
     def get_input_port_desired_tasks(self) -> InputPort:
         """Port (layout.size,): [x_d; v_d; a_d]."""
-        return self._tasks_port
+        return self._inputs["desired_tasks"]
 
     def get_input_port_desired_prescribed(self) -> InputPort:
         """Port (3 n_p,): [q_p; q_dot_p; q_ddot_p].
@@ -288,9 +266,9 @@ class CrarController(LeafSystem):
         Raises:
             InputError: no joint is prescribed.
         """
-        if self._prescribed_port is None:
+        if "desired_prescribed" not in self._inputs:
             raise InputError(f"{self.get_name()}: no joint is prescribed")
-        return self._prescribed_port
+        return self._inputs["desired_prescribed"]
 
     def get_input_port_nominal_posture(self) -> InputPort:
         """Port (n,), may be left open.
@@ -298,12 +276,12 @@ class CrarController(LeafSystem):
         Raises:
             InputError: the law has none: the paper's, or one whose `posture_gain` is 0.
         """
-        if self._posture_port is None:
+        if "nominal_posture" not in self._inputs:
             raise InputError(
                 f"{self.get_name()}: the law draws to no posture: give "
                 "LookaheadParameters(posture_gain=...)"
             )
-        return self._posture_port
+        return self._inputs["nominal_posture"]
 
     def get_input_port_obstacles(self) -> InputPort:
         """Port (4 N,), may be left open: [x; y; z; radius] of each obstacle now.
@@ -360,12 +338,13 @@ class CrarController(LeafSystem):
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
         solution = self._EvalSolution(context)
-        parts = *_reported(solution), [self._Promise(context, solution)]
-        output.SetFromVector(np.concatenate(parts))
+        parts = [solution.part(name) for name in PARTS]
+        promise = [self._Promise(context, solution)]
+        output.SetFromVector(np.concatenate([*parts, promise]))
 
     def _Promise(self, context: Context, solution: Solution) -> float:
         """What is missing of the promise; the first of PROMISES that is."""
-        off = np.abs(self._EvalPort(self._locked_port, context) - self._locked)
+        off = np.abs(self._EvalPort("locked_positions", context) - self._locked)
         missing = (
             self.law.parameters.constraints != "lookahead",
             self.border is not None and bool(self.border.said),
@@ -376,13 +355,13 @@ class CrarController(LeafSystem):
         )
         return float(missing.index(True) + 1 if any(missing) else GUARANTEED)
 
-    def _MakeOutputCalc(self, key: str, held_alone: bool):
+    def _MakeOutputCalc(self, name: str):
         def calc(context: Context, output: BasicVector) -> None:
-            if not held_alone:
-                solution = self._EvalSolution(context)
-            else:
+            if _CONNECTED[name]:
                 solution = self._GetHeld(context).solution or self._start
-            output.SetFromVector(getattr(solution, key))
+            else:
+                solution = self._EvalSolution(context)
+            output.SetFromVector(solution.part(name))
 
         return calc
 
@@ -390,7 +369,7 @@ class CrarController(LeafSystem):
         """The held solution, or that of a tick whose update has not come yet."""
         held = self._GetHeld(context)
         now, then = self._Tick(context.get_time()), (held.tick, held.torque_tick)
-        newer = now > then and self._plant_is_discrete
+        newer = now > then and self._plant_step > 0.0
         # An older tick: the user set the time back.
         if held.solution is None or newer or now < then:
             return self._solve_cache.Eval(context).memory.solution
@@ -404,9 +383,9 @@ class CrarController(LeafSystem):
         time = context.get_time()
         tick, torque_tick = self._Tick(time)
         held = self._GetHeld(context)
-        x = self._EvalPort(self._state_port, context)
+        x = self._EvalPort("estimated_state", context)
         if not is_finite(x):
-            check_finite(self._state_name, x, time)
+            check_finite(self._named("estimated_state"), x, time)
         solve = value.get_value()
         workspace = solve.workspace
         q, v = x[: self._nq], x[self._nq :]
@@ -418,9 +397,9 @@ class CrarController(LeafSystem):
         if memory.solution is None:
             self._tell_of_the_start(q)
         targets = Targets(
-            self._EvalPort(self._tasks_port, context),
-            self._EvalPort(self._prescribed_port, context),
-            self._EvalPosture(context),
+            self._EvalPort("desired_tasks", context),
+            self._EvalPort("desired_prescribed", context),
+            self._EvalPort("nominal_posture", context, may_be_open=True),
         )
         obstacles = self._obstacles.Eval(context)
         solve.memory = self.law.solve(
@@ -429,9 +408,7 @@ class CrarController(LeafSystem):
         if torque_tick:
             # A run that begins between control ticks. The next one comes too early to
             # tell what the plant does in a period.
-            solve.memory = replace(
-                solve.memory, torque_tick=torque_tick, continues=False
-            )
+            solve.memory = replace(solve.memory, torque_tick=torque_tick, kept=None)
 
     def _tell_of_the_start(self, q: np.ndarray) -> None:
         """Warns of joints beyond their limits, and of pairs that are inside one another
@@ -454,23 +431,24 @@ class CrarController(LeafSystem):
                 self._strict,
             )
 
-    def _EvalPort(self, port: InputPort | None, context: Context) -> np.ndarray:
-        if port is None:
+    def _named(self, name: str) -> str:
+        """What errors call an input port."""
+        return f"input port {name} of {self.get_name()}"
+
+    def _EvalPort(
+        self, name: str, context: Context, may_be_open: bool = False
+    ) -> np.ndarray:
+        """The value of an input port; (0,) of one that is not there, or open and may
+        be."""
+        port = self._inputs.get(name)
+        if port is None or (may_be_open and not port.HasValue(context)):
             return _NOTHING
         try:
             return port.Eval(context)
         except RuntimeError as error:
             if port.HasValue(context):
                 raise
-            raise InputError(
-                f"input port {port.get_name()} of {self.get_name()} is not connected"
-            ) from error
-
-    def _EvalPosture(self, context: Context) -> np.ndarray:
-        port = self._posture_port
-        if port is None or not port.HasValue(context):
-            return _NOTHING
-        return port.Eval(context)
+            raise InputError(f"{self._named(name)} is not connected") from error
 
     def _GetHeld(self, context: Context) -> Memory:
         return context.get_abstract_state(self._held_index).get_value()

@@ -1,40 +1,46 @@
-"""The nominal of the paper: weights (17)-(28), inverse (34), levels (10), (35).
+"""The nominal of the paper: weights (17)-(28), inverse (16), (34), and the levels (10),
+(35).
 
 By itself, without a projection, it is the paper to the letter.
 """
 
+from __future__ import annotations
+
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from crar_drake.law.compilation import Held, compiled, hold
-from crar_drake.law.constraint_weights import (
-    LimitPotential,
-    approach_weights,
-    collision_potential_slope,
-    collision_proximity,
-    inertia_weight,
-    limit_gradient,
-    limit_potential,
-    limit_proximity,
-)
 from crar_drake.law.kinematics import find_state, watched_distances
-from crar_drake.law.nominal import Nominal
+from crar_drake.law.parameters import PaperGains
 from crar_drake.law.references import (
+    Nominal,
     References,
     Targets,
     TaskGains,
     find_references,
 )
-from crar_drake.law.vectors import times, transposed_times
-from crar_drake.law.weighted_inverse import (
-    damped_inverse,
-    inverse_times,
-    project_to_null_space,
+from crar_drake.law.vectors import (
+    add_to_diagonal,
+    cholesky,
+    cholesky_solve,
+    cholesky_solve_matrix,
+    gram,
+    product,
+    times,
+    transposed_times,
 )
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
+# Nearer than this to a limit [rad or m] the gradient is taken at this distance:
+# at the limit it is infinite, and beyond it the printed formula shrinks again.
+LIMIT_CLAMP = 1e-4
+
+# Below this distance [m] the magnitude of Eq. (23) is taken at this distance: at
+# d = 0 it is infinite, and for d < 0 the printed formula shrinks again.
+DISTANCE_CLAMP = 1e-3
 _NO_MATRIX = np.zeros((0, 0))
 
 
@@ -50,6 +56,171 @@ class Gains(NamedTuple):
     limit_share: float  # a of Eq. (27)
     period: float  # of the controller [s]
     velocity_level: bool
+
+    @staticmethod
+    def of(given: PaperGains, period: float, num_pairs: int) -> Gains:
+        """Those of parameters, for a control period [s] and so many watched pairs."""
+        GvN, share = given.GvN, given.limit_share
+        return Gains(
+            *(float(given.damping), float(given.Gv)),
+            math.nan if GvN is None else float(GvN),
+            *(float(given.rho), float(given.alpha), float(given.beta)),
+            composite_index(num_pairs) if share is None else float(share),
+            *(float(period), given.level == "velocity"),
+        )
+
+
+class LimitPotential(NamedTuple):
+    """One set of limits, made ready for Eq. (17) by `limit_potential`; all (n,)."""
+
+    lower: np.ndarray  # finite, and not equal [rad or m]
+    upper: np.ndarray
+    first: np.ndarray  # where the gradient is taken at the least
+    last: np.ndarray  # and at the most
+    factor: np.ndarray  # a quarter of the squared range; 0 for unlimited joints
+
+
+def limit_potential(lower: np.ndarray, upper: np.ndarray) -> LimitPotential:
+    """The joint-limit potential, Eq. (17), for one set of limits.
+
+    Inside by less than LIMIT_CLAMP, or outside, its gradient is taken at LIMIT_CLAMP
+    inside (for a range narrower than four clamps, at a quarter of the range; a locked
+    joint has a range as wide as one clamp). Where a limit is infinite the joint
+    counts as unlimited and the gradient is 0.
+
+    Args:
+        lower, upper: (n,) limits [rad or m], +-inf where there is none.
+    """
+    limited = np.isfinite(lower) & np.isfinite(upper)
+    lower = np.where(limited, lower, -1.0)
+    upper = np.where(limited, upper, 1.0)
+    # Equal limits would give 0/0.
+    widening = 0.5 * np.maximum(LIMIT_CLAMP - (upper - lower), 0.0)
+    lower, upper = lower - widening, upper + widening
+    span = upper - lower
+    clamp = np.minimum(LIMIT_CLAMP, 0.25 * span)
+    factor = np.where(limited, 0.25 * span**2, 0.0)
+    return LimitPotential(lower, upper, lower + clamp, upper - clamp, factor)
+
+
+@compiled
+def limit_gradient(q: np.ndarray, limits: LimitPotential) -> np.ndarray:
+    """Eq. (17): dh/dq_i = (u-l)^2 (2q-u-l) / (4 (u-q)^2 (q-l)^2), clamped, (n,).
+
+    Args:
+        q: (n,) positions [rad or m].
+    """
+    q = np.minimum(np.maximum(q, limits.first), limits.last)
+    to_upper, to_lower = limits.upper - q, q - limits.lower
+    return limits.factor * (to_lower - to_upper) / np.square(to_upper * to_lower)
+
+
+@compiled
+def limit_proximity(
+    q: np.ndarray, gradient: np.ndarray, limits: LimitPotential
+) -> np.ndarray:
+    """The |grad h_i| that Eq. (18) compares between steps, (n,); 0 without limits.
+
+    Inside the clamp that is the magnitude of Eq. (17). From there outwards the
+    printed formula jumps to infinity and then shrinks, so it would take going
+    further out for coming back; here it goes on growing linearly with q instead.
+
+    Args:
+        q: (n,) positions, not clamped [rad or m].
+        gradient: (n,) Eq. (17) there.
+    """
+    beyond = np.abs(q - np.minimum(np.maximum(q, limits.first), limits.last))
+    return np.abs(gradient) * (1.0 + beyond / LIMIT_CLAMP)
+
+
+@compiled
+def collision_potential_slope(
+    d: np.ndarray,
+    rho: float | np.ndarray,
+    alpha: float | np.ndarray,
+    beta: float | np.ndarray,
+) -> np.ndarray:
+    """Eq. (23): df/dd = -rho exp(-alpha d) d^-beta (beta/d + alpha), (Nc,) [1/m].
+
+    Below DISTANCE_CLAMP, in contact and in penetration it is taken there.
+
+    Args:
+        d: (Nc,) signed distances [m].
+        rho, alpha, beta: scalars or (Nc,); amplitude, decay [1/m], exponent.
+    """
+    d = np.maximum(d, DISTANCE_CLAMP)
+    return -rho * np.exp(-alpha * d) * d**-beta * (beta / d + alpha)
+
+
+@compiled
+def collision_proximity(gradient: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """The |grad f_i| that Eq. (21) compares between steps, (Nc, n).
+
+    Down to DISTANCE_CLAMP it is the magnitude of Eq. (25); below, where the slope
+    is clamped, it goes on growing linearly with the depth, so that going deeper
+    is distinguished from coming out.
+
+    Args:
+        gradient: (Nc, n) Eq. (25).
+        d: (Nc,) signed distances, not clamped [m].
+    """
+    depth = np.maximum(DISTANCE_CLAMP - d, 0.0) / DISTANCE_CLAMP
+    return np.abs(gradient) * (1.0 + depth)[:, np.newaxis]
+
+
+@compiled
+def approach_weights(
+    gradient: np.ndarray, proximity: np.ndarray, previous: np.ndarray
+) -> np.ndarray:
+    """Eqs. (18), (21): the diagonal of W_JL (n,), and those of W_COL_j, (Nc, n).
+
+    Args:
+        gradient: Eq. (17) or (25) at the present step.
+        proximity: `limit_proximity` or `collision_proximity` at the present step.
+        previous: the same at the previous step; zeros at the first step, where the
+            change counts as 0, that is as approaching.
+
+    Returns:
+        1 + |gradient| where the constraint is approached, else 1.
+    """
+    return 1.0 + np.abs(gradient) * (proximity >= previous)
+
+
+def composite_index(num_pairs: int) -> float:
+    """Eq. (28): a = 1 / (Nc + 1), for Nc watched pairs."""
+    return 1.0 / (num_pairs + 1)
+
+
+@compiled
+def inertia_weight(H: np.ndarray, W: np.ndarray) -> np.ndarray:
+    """The paper's "dynamically consistent weight matrix" (end of Section IV).
+
+    W of Eq. (27) is the identity, plus a penalty for joints near constraints. Here
+    the joint-space inertia takes the identity's place:
+
+        W_H = H / det(H)^(1/n) + (W - I).
+
+    Far from constraints the inverse of Eq. (16) is then the dynamically consistent
+    one, H^-1 J^T (J H^-1 J^T)^-1 (Khatib 1987): of all velocities that do the
+    tasks it has the least kinetic energy. A joint whose weight goes to infinity
+    stops, and the others do the least for the robot with that joint locked. (The
+    congruence W^1/2 H W^1/2 would also stop it, but the others would then move as
+    if it were free.) Dividing by the geometric mean of H's eigenvalues takes out the
+    unit and leaves the determinant that the identity has, so that the damping
+    factor of Eq. (34) stays comparable. The sum is positive definite, because H is,
+    and no weight is below 1.
+
+    Args:
+        H: (n, n) joint-space inertia matrix, symmetric positive definite [kg m^2].
+        W: (n,) diagonal of Eq. (27), at least 1.
+
+    Returns:
+        (n, n) symmetric positive definite.
+    """
+    logdet = 2.0 * np.log(np.diag(cholesky(H))).sum()
+    W_H = H * np.exp(-logdet / len(H))
+    add_to_diagonal(W_H, W - 1.0)
+    return W_H
 
 
 @compiled
@@ -86,6 +257,64 @@ def constraint_weights(
         W_COL = transposed_times(W_COL_j, np.ones(len(d))) / len(d)  # (26)
     W = gains.limit_share * W_JL + (1.0 - gains.limit_share) * W_COL  # (27)
     return W, of_limits, of_pairs
+
+
+class DampedInverse(NamedTuple):
+    """J* of Eq. (34), ready to be multiplied; made by `damped_inverse`."""
+
+    B: np.ndarray  # (n, m) W^-1 J^T if m < n, else J^T
+    # lower Cholesky factor: if m < n (m, m) of J W^-1 J^T + lambda^2 I, else (n, n) of
+    # J^T J + lambda^2 W
+    L: np.ndarray
+
+
+@compiled
+def damped_inverse(J: np.ndarray, W: np.ndarray, damping: float) -> DampedInverse:
+    """Eq. (34): J* = W^-1 J^T (J W^-1 J^T + lambda^2 I)^-1.
+
+    Always exists for lambda > 0. By the push-through identity it is also
+    (J^T J + lambda^2 W)^-1 J^T: of the two the smaller system is factorised. What is
+    needed of J* are its products, `inverse_times`.
+
+    Args:
+        J: (m, n) task Jacobian, any rank.
+        W: (n,) diagonal of the weight matrix, positive, or the whole matrix (n, n),
+            symmetric positive definite.
+        damping: lambda [m], positive.
+    """
+    m, n = J.shape
+    J_T = np.ascontiguousarray(J.T)
+    if m < n:
+        if W.ndim == 1:
+            B = J_T / W[:, np.newaxis]
+        else:
+            B = cholesky_solve_matrix(cholesky(W), J_T)
+        core = product(J, B)
+        add_to_diagonal(core, np.full(m, damping**2))
+        return DampedInverse(B, cholesky(core))
+    M = gram(J)
+    if W.ndim == 1:
+        add_to_diagonal(M, damping**2 * W)
+    else:
+        M += damping**2 * W
+    return DampedInverse(J_T, cholesky(M))
+
+
+@compiled
+def inverse_times(J_star: DampedInverse, x: np.ndarray) -> np.ndarray:
+    """Eq. (34) at work: J* x (n,) of x (m,)."""
+    n, m = J_star.B.shape
+    if m < n:
+        return times(J_star.B, cholesky_solve(J_star.L, x))
+    return cholesky_solve(J_star.L, times(J_star.B, x))
+
+
+@compiled
+def project_to_null_space(
+    J_star: DampedInverse, J: np.ndarray, zeta: np.ndarray
+) -> np.ndarray:
+    """Eq. (31), below: N zeta = zeta - J* J zeta, (n,) of zeta (n,)."""
+    return zeta - inverse_times(J_star, times(J, zeta))
 
 
 @compiled
@@ -158,7 +387,7 @@ def paper_step(
     kept: np.ndarray,
     inertia: np.ndarray,
     law: Held,
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """One control step of the paper's law; see the functions above.
 
     Args:
@@ -172,9 +401,7 @@ def paper_step(
         law: holds `PaperNumbers`.
 
     Returns:
-        One after the other: (nv,) accelerations in the plant's order; (m,) Eq. (11)
-        against the targets as given; (n,) diagonal of W; what the next step is to have
-        as `kept`.
+        The parts of `Nominal`, in their order.
     """
     numbers = law.value
     r, gains = numbers.robot.value, numbers.gains
@@ -196,8 +423,8 @@ def paper_step(
     in_order, vdot = np.concatenate((qddot, references.qddot_p)), np.empty(len(v))
     for i in range(len(v)):
         vdot[r.order[i]] = in_order[i]
-    error, of_pairs = references.error, of_pairs.ravel()
-    return np.concatenate((vdot, error, W, of_limits, of_pairs, qdot_c))
+    kept = np.concatenate((of_limits, of_pairs.ravel(), qdot_c))
+    return vdot, references.error, W, qdot_c, kept
 
 
 class PaperLaw:
@@ -218,16 +445,13 @@ class PaperLaw:
             gains: the paper's numbers.
             constrained: else W = I: the raw motion, whose violations Fig. 2 counts.
             with_inertia: whether W weighs by the inertia, too, see
-                `constraint_weights.inertia_weight`.
+                `inertia_weight`.
         """
         limits = limit_potential(model.lower, model.upper)
         self._law = hold(PaperNumbers(model.robot, tasks, limits, gains, constrained))
         self._model, self._with_inertia = model, with_inertia
-        # Of what `paper_step` returns.
-        n, nv = model.n, model.n + model.n_p
-        kept = n + len(model.pairs) * n
-        self._ends = np.cumsum([0, nv, model.m, n, kept, n]).tolist()
-        self._first = np.concatenate((np.zeros(kept), np.full(n, np.nan)))
+        near = np.zeros((1 + len(model.pairs)) * model.n)
+        self._first = np.concatenate((near, np.full(model.n, np.nan)))
 
     def __call__(
         self,
@@ -236,18 +460,16 @@ class PaperLaw:
         v: np.ndarray,
         targets: Targets,
         before: np.ndarray | None,
-        efforts: np.ndarray,
     ) -> Nominal:
         model, inertia = self._model, _NO_MATRIX
         if self._with_inertia:
             inertia = model.inertia_matrix(workspace)
-        found = paper_step(
-            *(q, v, model.asked_here(workspace), *targets[:4], *targets.blend),
-            *(self._first if before is None else before, inertia, self._law),
+        return Nominal(
+            *paper_step(
+                *(q, v, model.asked_here(workspace), *targets[:4], *targets.blend),
+                *(self._first if before is None else before, inertia, self._law),
+            )
         )
-        _, a, b, c, d, end = self._ends
-        vdot, error, W, kept = found[:a], found[a:b], found[b:c], found[c:end]
-        return Nominal(vdot, error, W, found[d:end], kept)
 
 
 _STOPPED = 1e9  # the weight of a joint that may go no farther

@@ -56,10 +56,9 @@ _SMOOTHNESS = {"closest": 5.7e-5, "balanced": 8e-5, "calm": 2.3e-4}
 # With less rounding hides what joints count: at 3e-9 to 1e-8 laws of two wrists find no
 # plan. With this and more an adversary's do (docs/measurements/adversary.md).
 _LEAST_SMOOTHNESS = 1e-6  # [m s^2]
-# How far ahead is planned [s]; and with control periods of more than 10 ms, with which
-# such a plan would shake, together with the smoothness by name.
-_PREVIEW, _LONG_PREVIEW, _LONG_SMOOTHNESS = 0.1, 0.16, "calm"
-_LONG_PERIOD = 0.01
+# How far ahead is planned [s], and how smoothly; and with control periods of more than
+# 10 ms, with which such a plan would shake.
+_PLAN, _LONG_PLAN, _LONG_PERIOD = (0.1, "balanced"), (0.16, "calm"), 0.01
 
 
 @dataclass
@@ -87,35 +86,31 @@ class Shared:
             "controller", self, _SHARED, may_be_zero={"blend_time", "latency"}
         )
 
-    def torque_ticks(self, plant_step: float) -> int:
+    def torque_ticks(self, plant_step: float) -> tuple[int, float]:
         """How often the torque of the held accelerations is computed in a control
         period: every millisecond, or every step of a plant whose steps are longer; of
         what divides the period, the longest such time that is not longer.
 
         Args:
             plant_step: time step of the discrete plant [s]; 0 for a continuous one.
+
+        Returns:
+            How often, and that time [s].
         """
         longest = max(plant_step, _TORQUE_PERIOD) * (1.0 + 1e-6)
         if not plant_step:
-            return math.ceil(self.period / longest)
+            ticks = math.ceil(self.period / longest)
+            return ticks, self.period / ticks
         steps = max(1, round(self.period / plant_step))
-        return next(
+        ticks = next(
             ticks
             for ticks in range(1, steps + 1)
             if steps % ticks == 0 and steps // ticks * plant_step <= longest
         )
-
-    def torque_period_for(self, plant_step: float) -> float:
-        """The time between two computations of the torque [s].
-
-        Args:
-            plant_step: as of `torque_ticks`.
-        """
-        ticks = self.torque_ticks(plant_step)
         period = self.period / ticks
         # With the plant's own number the events of both come at the same instants.
         rounding = ticks > 1 and abs(period - plant_step) <= 1e-12 * plant_step
-        return plant_step if rounding else period
+        return ticks, plant_step if rounding else period
 
     def limits_of_efforts(self, model: "ControlModel") -> np.ndarray:
         """The largest effort of each actuator of a robot's plant that is commanded.
@@ -130,8 +125,7 @@ class Shared:
         for index in model.plant.GetJointActuatorIndices():
             actuator = model.plant.get_joint_actuator(index)
             if actuator.joint().velocity_start() in model.prescribed:
-                start = actuator.input_start()
-                limits[start : start + actuator.num_inputs()] = np.inf
+                limits[actuator.input_start()] = np.inf
         return limits
 
 
@@ -151,7 +145,7 @@ class PaperGains:
         Gv: joint velocity gain, Eq. (30) [1/s].
         GvN: null-space gain, Eq. (33) [1/s]; by default Gv.
         metric: of the joint velocities that W weighs: "identity", or "inertia" for the
-            dynamically consistent inverse, see `law.constraint_weights`.
+            dynamically consistent inverse, see `law.paper.inertia_weight`.
         damping: lambda of Eq. (34) [m].
         rho, alpha, beta: amplitude, decay [1/m] and exponent of the collision
             potential, Eq. (24), for every pair.
@@ -186,7 +180,7 @@ class PaperGains:
         """
         if self.level == "velocity":
             return math.inf
-        D, P = self.velocity_gain + self.Gv, self.Kp + self.Gv * self.K
+        D, P = self._feedback
         return min(2.0 * D / P, (math.sqrt(D * D + 4.0 * P) - D) / P)
 
     def check_gains(self, where: str, period: float) -> None:
@@ -200,13 +194,18 @@ class PaperGains:
                 f"{where}.limit_share: {self.limit_share} must be at most 1"
             )
         if period >= self.longest_period:
-            D, P = self.velocity_gain + self.Gv, self.Kp + self.Gv * self.K
+            D, P = self._feedback
             raise ScenarioError(
                 f"{where}: with a velocity gain Kv + Gv = {D:g}/s and a position gain "
                 f"Kp + Gv K = {P:g}/s^2 the feedback diverges at a control period of "
                 f"{period:g} s; lower the gains, or choose a period below "
                 f"{self.longest_period:.2g} s"
             )
+
+    @property
+    def _feedback(self) -> tuple[float, float]:
+        """D and P of `longest_period`."""
+        return self.velocity_gain + self.Gv, self.Kp + self.Gv * self.K
 
     @property
     def velocity_gain(self) -> float:
@@ -251,11 +250,8 @@ class PaperParameters(PaperGains, Shared):
         return _BRAKING_TIMES / self.Gv
 
     def speed_limits(self, model: "ControlModel") -> np.ndarray:
-        """(nv,) the robot's, by which a run is judged [rad/s or m/s]; infinite where
-        there is none and for the prescribed joints, whose speed is the motion's."""
-        limits = model.velocity_limits.copy()
-        limits[model.prescribed] = np.inf
-        return limits
+        """(nv,) the robot's, by which a run is judged; as those of the lookahead."""
+        return LookaheadParameters().speed_limits(model)
 
 
 @dataclass
@@ -466,10 +462,14 @@ class LookaheadParameters(SafetyParameters, Shared):
         return max(longest, LEAST_PERIODS * self.period) if self.plans else longest
 
     @property
+    def _plan_by_default(self) -> tuple[float, str]:
+        """How far ahead is planned [s], and how smoothly."""
+        long = self.period > _LONG_PERIOD * (1.0 + 1e-9)
+        return _LONG_PLAN if long else _PLAN
+
+    @property
     def _smoothness(self) -> float:
-        value = self.smoothness
-        if value is None:
-            value = _LONG_SMOOTHNESS if self._has_long_periods else "balanced"
+        value = self._plan_by_default[1] if self.smoothness is None else self.smoothness
         if value in _SMOOTHNESS:
             return _SMOOTHNESS[value]
         try:
@@ -483,10 +483,6 @@ class LookaheadParameters(SafetyParameters, Shared):
             f"number of at least {_LEAST_SMOOTHNESS:g} m s^2: with less a plan drowns "
             "in rounding"
         )
-
-    @property
-    def _has_long_periods(self) -> bool:
-        return self.period > _LONG_PERIOD * (1.0 + 1e-9)
 
     def resolved(self, crowded: bool = False) -> Resolved:
         """A number for each that is not given.
@@ -502,7 +498,6 @@ class LookaheadParameters(SafetyParameters, Shared):
             others = tuple(
                 T * (longest / T) ** (k / count) for k in range(1, count + 1)
             )
-        preview = _LONG_PREVIEW if self._has_long_periods else _PREVIEW
         damping, stiffness = self.gains.GvN or self.gains.Gv, 30.0
         if plans:
             # More damping holds arms back that go around each other. As many rows leave
@@ -510,21 +505,18 @@ class LookaheadParameters(SafetyParameters, Shared):
             # (docs/measurements/crossings.md).
             damping, stiffness = (3.0, 1.0) if crowded else (20.0, 40.0)
         most = 1.0 / self.period
-        approach = Approach(
-            float(self.margin),
+        approach = self._approach(
             float(self.limit_margin),
-            *(_RETREAT, _RETREAT_SPEED, _JOINT_RETREAT_SPEED),
             min(_APPROACH, most),
             # Slower where motions of others run into limits again and again. Where
             # tasks leave no choice, hands would fall behind at limits: by 82 mm instead
             # of 63 in cmu:02_06.
             min(50.0 if crowded else 20.0, most),
-            _INFLUENCE,
-            _PLANNED_SPEED if plans else _SPEED,
+            *(_INFLUENCE, _PLANNED_SPEED if plans else _SPEED),
         )
         return Resolved(
             *(float(T), others, approach),
-            float(preview if self.preview is None else self.preview),
+            float(self._plan_by_default[0] if self.preview is None else self.preview),
             self._smoothness,
             float(damping),
             float(stiffness if self.posture_gain is None else self.posture_gain),
@@ -533,12 +525,13 @@ class LookaheadParameters(SafetyParameters, Shared):
 
     def approach_of_commands(self) -> Approach:
         """The numbers of rows where the nominal is a joint command."""
-        return Approach(
-            *(float(self.margin), 0.0),
-            *(_RETREAT, _RETREAT_SPEED, _JOINT_RETREAT_SPEED),
-            min(_APPROACH_OF_COMMANDS, 0.5 / self.period),
-            *(math.inf, max(_INFLUENCE_OF_COMMANDS, 2.0 * self.margin), _SPEED),
-        )
+        rate = min(_APPROACH_OF_COMMANDS, 0.5 / self.period)
+        influence = max(_INFLUENCE_OF_COMMANDS, 2.0 * self.margin)
+        return self._approach(0.0, rate, math.inf, influence, _SPEED)
+
+    def _approach(self, limit_margin: float, *others: float) -> Approach:
+        retreat = _RETREAT, _RETREAT_SPEED, _JOINT_RETREAT_SPEED
+        return Approach(float(self.margin), limit_margin, *retreat, *others)
 
     def among_obstacles(self) -> "LookaheadParameters":
         """These, with one braking time constant, as obstacles that move ask for: that
@@ -563,12 +556,12 @@ class LookaheadParameters(SafetyParameters, Shared):
                 joint = find_joint(model.plant, name)
             except ModelError as error:
                 raise ScenarioError(f"{where}: {error}") from error
-            start = joint.velocity_start()
-            columns = range(start, start + joint.num_velocities())
-            if not set(columns) & set(model.controlled.tolist()):
-                why = "prescribed: the motion moves it" if columns else "fixed"
+            at = joint.velocity_start()
+            if not joint.num_velocities() or at not in model.controlled:
+                moves = joint.num_velocities() > 0
+                why = "prescribed: the motion moves it" if moves else "fixed"
                 raise ScenarioError(f"{where}: the joint is {why}; leave it out")
-            limits[columns] = limit
+            limits[at] = limit
         limits[model.prescribed] = np.inf
         return limits
 

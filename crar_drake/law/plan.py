@@ -8,6 +8,7 @@ first of them is the nominal one, and all are chosen anew at the next step: a
 receding-horizon plan. `docs/theory/theorem.md` has the derivation.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +16,12 @@ import numpy as np
 from crar_drake.law.approach import SHARE_OF_RANGE, Approach
 from crar_drake.law.compilation import Held, compiled, hold
 from crar_drake.law.kinematics import find_state
-from crar_drake.law.nominal import Nominal
 from crar_drake.law.one_sided import one_sided_nearest_in
+from crar_drake.law.parameters import Resolved
 from crar_drake.law.path_balls import Shapes, near_on_way, place_ways
 from crar_drake.law.placed_shapes import distances_at
 from crar_drake.law.references import (
+    Nominal,
     References,
     Targets,
     TaskGains,
@@ -83,34 +85,17 @@ class Preview(NamedTuple):
     task_damping: float  # lambda of N in (L12) [m]
 
 
-def make_preview(
-    duration: float,
-    smoothness: float,
-    damping: float,
-    stiffness: float,
-    period: float,
-    farthest: float,
-    task_damping: float = 0.02,
-) -> Preview:
-    """The preview's numbers, which stay the same.
-
-    Args:
-        duration: how far ahead is looked [s].
-        smoothness: rho, what an acceleration of 1 rad/s^2 of a joint counts beside an
-            error of 1 m [m s^2].
-        damping, stiffness: of the null space [1/s], [1/s^2].
-        period: of the controller [s].
-        farthest: the error from which on a task pulls no more [rad or m].
-        task_damping: lambda of what tasks are said to leave free [m].
-    """
-    at = np.maximum(duration * _INSTANTS, period * (1.0 + np.arange(len(_INSTANTS))))
+def make_preview(ahead: Resolved, period: float) -> Preview:
+    """The preview's numbers, which stay the same, with a control period [s]."""
+    least = period * (1.0 + np.arange(len(_INSTANTS)))
+    at = np.maximum(ahead.preview * _INSTANTS, least)
     lengths = np.diff(at, prepend=0.0)
     # A trapezoidal rule over the preview.
     weights = 0.5 * (lengths + np.append(lengths, 0.0)[1:])
     begun = np.tri(len(at))
     moved = begun * lengths * (at[:, np.newaxis] - at + 0.5 * lengths)
     weighed = moved.T * weights
-    pull = damping * begun * lengths + stiffness * moved
+    pull = ahead.damping * begun * lengths + ahead.stiffness * moved
     return Preview(
         at,
         lengths,
@@ -120,12 +105,10 @@ def make_preview(
         moved + period * begun * lengths,
         np.ascontiguousarray(weighed @ moved),
         weighed @ np.column_stack([np.ones(len(at)), at, 0.5 * at**2]),
-        smoothness**2 * lengths,
+        ahead.smoothness**2 * lengths,
         pull,
-        float(damping),
-        float(stiffness),
-        float(farthest),
-        float(task_damping),
+        *(ahead.damping, ahead.stiffness),
+        *(ahead.farthest_pull, ahead.null_space_damping),
     )
 
 
@@ -526,7 +509,7 @@ def plan_step(
     before: np.ndarray,
     efforts: np.ndarray,
     held: Held,
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(L10)-(L13) in their order.
 
     Args:
@@ -537,7 +520,7 @@ def plan_step(
         held: holds `PlanNumbers`.
 
     Returns:
-        (N n + n_p + m,) the plan; the accelerations of the prescribed joints; Eq. (11)
+        (N n,) the plan; (nv,) the accelerations, in the plant's order; (m,) Eq. (11)
         against the targets as given.
     """
     numbers = held.value
@@ -567,7 +550,10 @@ def plan_step(
         np.concatenate((of_pairs, of_limits, of_slow, of_weak)),
         preview,
     )
-    return np.concatenate((plan, references.qddot_p, references.error))
+    vdot = np.empty(len(v))
+    for i in range(len(v)):
+        vdot[r.order[i]] = plan[i] if i < n else references.qddot_p[i - n]
+    return plan, vdot, references.error
 
 
 class Plan:
@@ -577,33 +563,31 @@ class Plan:
         self,
         model: ControlModel,
         shapes: Held,
-        preview: Preview,
+        ahead: Resolved,
         tasks: TaskGains,
-        approach: Approach,
-        lower: np.ndarray,
-        upper: np.ndarray,
+        limits: tuple[np.ndarray, np.ndarray],
+        efforts: Callable[[np.ndarray, np.ndarray], np.ndarray] | None,
         period: float,
     ) -> None:
         """
         Args:
             model: of the robot, its tasks.
             shapes: holds its `Shapes`.
-            preview: of `make_preview`.
+            ahead: what the plan is made with.
             tasks: gains of the prescribed joints, and the rows' weights.
-            approach: margins and speeds.
-            lower, upper: (n,) limits of the controlled joints [rad or m].
+            limits: (n,), (n,) of the controlled joints [rad or m].
+            efforts: a state to what `plan_step` is to have of motors, if any count.
             period: [s].
         """
+        preview = make_preview(ahead, period)
         self._numbers = hold(
             PlanNumbers(
                 *(model.robot, shapes, hold(preview), tasks),
-                *(approach, lower, upper, period),
+                *(ahead.approach, *limits, period),
             )
         )
-        self._model, self._n = model, model.n
-        self._planned = model.n * len(preview.times)
-        self._end = self._planned + model.n_p
-        self._first, self._ones = float(preview.lengths[0]), np.ones(model.n)
+        self._model, self._efforts, self._ones = model, efforts, np.ones(model.n)
+        self._first = float(preview.lengths[0])
 
     def __call__(
         self,
@@ -612,21 +596,13 @@ class Plan:
         v: np.ndarray,
         targets: Targets,
         before: np.ndarray | None,
-        efforts: np.ndarray,
     ) -> Nominal:
-        n, model = self._n, self._model
-        found = plan_step(
-            *(
-                q,
-                v,
-                *targets[:4],
-                *targets.blend,
-                _NO_PLAN if before is None else before,
-            ),
-            *(efforts, self._numbers),
+        efforts = np.zeros((0, len(v) + 2))
+        if self._efforts is not None:
+            efforts = self._efforts(*self._model.in_order(q, v))
+        plan, vdot, error = plan_step(
+            *(q, v, *targets[:4], *targets.blend),
+            *(_NO_PLAN if before is None else before, efforts, self._numbers),
         )
-        plan, vdot = found[: self._planned], np.empty(len(v))
-        vdot[model.controlled] = plan[:n]
-        vdot[model.prescribed] = found[self._planned : self._end]
-        qdot_c = v[model.controlled] + self._first * plan[:n]
-        return Nominal(vdot, found[self._end :], self._ones, qdot_c, plan)
+        qdot_c = v[self._model.controlled] + self._first * plan[: self._model.n]
+        return Nominal(vdot, error, self._ones, qdot_c, plan)

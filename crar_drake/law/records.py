@@ -1,19 +1,19 @@
-"""What a control step answers, and what it leaves to the next.
+"""What a control step answers, what it leaves to the next, and what is reported of it.
 
-With what is wanted (`law.references.Targets`) and the parameters these are all of its
-records.
+With what is wanted (`law.references.Targets`) and the parameters these are all of the
+law's records.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from crar_drake.errors import InputError
 from crar_drake.law.constraints import Braking
-from crar_drake.law.lateness import Lateness
+from crar_drake.law.measured import Lateness
 from crar_drake.robot.model import ControlModel
 
 # Values of the diagnostic "status".
@@ -28,6 +28,34 @@ STATUS_WORDS = {
     STATUS_IMPLAUSIBLE: "braking",
 }
 
+# The parts of the port `diagnostics` in their order, and their sizes for a model: as
+# the attributes of `Solution`, but "desired_acceleration" is `acceleration`.
+PARTS: dict[str, Callable[[ControlModel], int]] = {
+    "actuation": lambda model: model.plant.num_actuated_dofs(),
+    "desired_acceleration": lambda model: model.plant.num_velocities(),
+    "task_error": lambda model: model.m,
+    "signed_distances": lambda model: len(model.pairs),
+    "constraint_weights": lambda model: model.n,
+    "position_command": lambda model: model.plant.num_multibody_states(),
+    "status": lambda model: 1,
+    "torque_limit": lambda model: 2,
+    "admission": lambda model: 4,
+    "balance": lambda model: 3,
+    "T": lambda model: 1,
+}
+
+# What is missing of the promise that watched pairs stay apart and joints within their
+# limits, in a control step; the words of the part "promise", by its number.
+PROMISES = (
+    "guaranteed",
+    "law",  # the paper's constraints promise nothing
+    "set-up",  # something was warned of when the controller was made
+    "locked",  # a joint that counts as locked is elsewhere
+    "state",  # no robot has the measured state
+    "path",  # the path on which the robot would brake is not clear
+    "torque",  # a motor is too weak for what was commanded
+)
+GUARANTEED = 0
 
 _NAN = np.full(4, np.nan)
 
@@ -42,17 +70,16 @@ class Solution:
             are held for a control period.
         task_error: (m,) Eq. (11) against the targets as given, before blending and task
             weights [rad, m].
-        constraint_weights: (n,) diagonal of W.
+        constraint_weights: (n,) diagonal of W, Eq. (27).
         constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
         admission: (4,) how the step was found (0 nominal, 1 corrected, 2 scaled towards
             braking), the share of the nominal step, a bound from below for all
             distances on the next braking path [m], and 1 if joints are within their
-            limits and the present one is clear, else 0. This and the next two are NaN
-            unless constraints are "lookahead".
+            limits and the present one is clear, else 0, see `docs/theory/theorem.md`.
+            This and the next two are NaN unless constraints are "lookahead".
         balance: (3,) the same where the ground objected, without the last, and what it
             has left [m of the weight's arm]; NaN without `controller.balance`.
         T: (1,) braking time constant of the step [s].
-        kept: `law.nominal.Nominal.kept`, for the next step; never changed in place.
         actuation: (nu,) efforts of the accelerations at the state that they were last
             computed for, in the order of the plant's actuators [Nm or N].
         position_command: (nq + nv,) the q and v that the accelerations lead to
@@ -75,7 +102,6 @@ class Solution:
     admission: np.ndarray = field(default_factory=lambda: _NAN[:4])
     balance: np.ndarray = field(default_factory=lambda: _NAN[:3])
     T: np.ndarray = field(default_factory=lambda: _NAN[:1])
-    kept: Any = None
     actuation: np.ndarray | None = None
     position_command: np.ndarray | None = None
     status: np.ndarray | None = None
@@ -88,6 +114,10 @@ class Solution:
         """(Nc,) per watched pair, where the robot was in the control step [m]."""
         model, q = self.measured
         return model.signed_distances(q)
+
+    def part(self, name: str) -> np.ndarray:
+        """One of PARTS."""
+        return getattr(self, "acceleration" if name == "desired_acceleration" else name)
 
 
 @dataclass(slots=True)
@@ -105,9 +135,10 @@ class Memory:
     # step.
     q: np.ndarray | None = None  # (nq,)
     v: np.ndarray | None = None  # (nv,)
-    # whether the next step may build on this one's accelerations: not where the robot
-    # braked without targets, nor where a run began between two control ticks
-    continues: bool = False
+    # `Nominal.kept`, for the next step; None where that may not build on this one's
+    # accelerations: the robot braked without targets, or a run began between two
+    # control ticks
+    kept: np.ndarray | None = None
     start_time: float | None = None  # when blending began [s], None if it has yet to
     # what was measured then, as `Targets.start`; None if it has yet to begin
     start: np.ndarray | None = None
@@ -117,23 +148,6 @@ class Memory:
     sent: tuple[np.ndarray, ...] = ()
     # how late states are; None where nobody looks for it
     lateness: Lateness | None = None
-
-    def at_torque_tick(self, torque_tick: int, solution: Solution) -> Memory:
-        """The same control step with the torque of a later torque tick."""
-        # `dataclasses.replace` takes four times as long.
-        return Memory(
-            self.tick,
-            torque_tick,
-            solution,
-            self.q,
-            self.v,
-            self.continues,
-            self.start_time,
-            self.start,
-            self.braking,
-            self.sent,
-            self.lateness,
-        )
 
     def __deepcopy__(self, memo: dict) -> Memory:
         return self  # Drake copies states often; nothing here is ever changed.

@@ -1,6 +1,10 @@
-"""Reference velocity and acceleration of the tasks: Eqs. (9) and (14)."""
+"""What tasks ask for: targets, their reference velocity and acceleration by Eqs. (9)
+and (14), and the nominal that a law of tasks makes of them.
+"""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -15,6 +19,11 @@ from crar_drake.law.tasks import (
     unpack_tasks,
 )
 from crar_drake.law.vectors import times
+
+if TYPE_CHECKING:
+    from crar_drake.robot.workspace import Workspace
+
+_NONE = np.zeros(0)
 
 
 @compiled
@@ -37,9 +46,6 @@ def reference_acceleration(
         Kv: gain, a scalar or (m,) [1/s].
     """
     return a_d + Kv * (v_d - v) + Kp * e
-
-
-_NONE = np.zeros(0)
 
 
 class TaskGains(NamedTuple):
@@ -65,6 +71,38 @@ class Targets(NamedTuple):
     # (layout.size_x + n_p,) what was measured where blending began, as x_d and q_p
     start: np.ndarray = _NONE
     blend: tuple[float, float, float] = (1.0, 0.0, 0.0)  # of `blending.smooth_step`
+
+
+class Nominal(NamedTuple):
+    """What a law of tasks answers, in the plant's order: accelerations to be as near to
+    as is safe."""
+
+    vdot: np.ndarray  # (nv,) accelerations [rad/s^2 or m/s^2]
+    task_error: np.ndarray  # (m,) Eq. (11) against the targets as given [rad, m]
+    weights: np.ndarray  # (n,) diagonal of W, Eq. (27); ones where nothing is weighed
+    qdot_c: np.ndarray  # (n,) where the velocities are to go, of Eq. (15) [rad/s]
+    kept: np.ndarray  # for the next step
+
+
+class TaskLaw(Protocol):
+    """A law that follows tasks; `paper.PaperLaw` and `plan.Plan` are two."""
+
+    def __call__(
+        self,
+        workspace: Workspace,
+        q: np.ndarray,
+        v: np.ndarray,
+        targets: Targets,
+        before: np.ndarray | None,
+    ) -> Nominal:
+        """The nominal of a step.
+
+        Args:
+            workspace: of the model, at the state.
+            q, v: (nq,), (nv,) the state.
+            targets: what to do.
+            before: `Nominal.kept` of the step one period ago; None at a start.
+        """
 
 
 class References(NamedTuple):

@@ -15,7 +15,7 @@ inverse dynamics with contacts, as of A. Herzog et al., "Momentum control with
 hierarchical inverse dynamics on a torque-controlled humanoid", Autonomous Robots 2016.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
@@ -60,41 +60,31 @@ _LOW = 0.6
 _LIMP = 20.0  # joints of such a robot come to rest at that rate [1/s]
 
 
-@dataclass(frozen=True)
-class StandingGains:
-    """Gains of the standing law."""
-
-    capture: float = 6.0  # decay k of the capture point's error [1/s]
-    turn: float = 150.0  # PD of the root's orientation: of its error [1/s^2],
-    turn_rate: float = 25.0  # and of its rate [1/s]
-    height: float = 150.0  # of the root's height [1/s^2]
-    height_rate: float = 25.0  # [1/s]
-    # PD of the joints that follow the command; stiff, for they have its
-    # `tracking_error` to spare before a limit [1/s^2]
-    joint: float = 4000.0
-    joint_rate: float = 120.0  # [1/s]
-    sole: float = 400.0  # of the soles' places [1/s^2]
-    sole_rate: float = 40.0  # [1/s]
-    # PD of their orientations; stiff, for feet are light, and one that carries little
-    # tips over by itself [1/s^2]
-    sole_turn: float = 2500.0
-    sole_turn_rate: float = 100.0  # [1/s]
-    # what the root's angular acceleration weighs against the horizontal one of the
-    # centre of mass, where the ground cannot give all [m/rad]
-    weigh_turn: float = 0.1
-    weigh_height: float = 2.0  # and what its vertical one weighs [1]
-    # that each corner of the soles is pressed down with, so that feet that carry
-    # nothing stay on the floor [shares of the weight]
-    least_force: float = 0.005
-    friction_share: float = 0.8  # of the friction, that is used
-    # that forces keep from the soles' edges, over which feet would tip [m]. Much less
-    # than balance keeps of the command's (`BalanceParameters`): the difference is what
-    # brings the robot back.
-    sole_margin: float = 0.005
+# Decay of the capture point's error [1/s]. PD of errors [1/s^2] and their rates [1/s]:
+_CAPTURE = 6.0
+_TURN, _TURN_RATE = 150.0, 25.0  # of the root's orientation,
+_HEIGHT, _HEIGHT_RATE = 150.0, 25.0  # and height,
+# of joints that follow the command; stiff, for they have its `tracking_error` to spare
+# before a limit,
+_JOINT, _JOINT_RATE = 4000.0, 120.0
+# of the soles' orientations; stiff, for feet are light, and one that carries little
+# tips over by itself; and of their places.
+_SOLE_TURN, _SOLE_TURN_RATE = 2500.0, 100.0
+_SOLE, _SOLE_RATE = 400.0, 40.0
+# Of c_dd in x and y, of the root's angular acceleration [m/rad], and of its vertical
+# one, what each weighs where the ground cannot give all.
+_WEIGHTS = np.array([1.0, 1.0, 0.1, 0.1, 0.1, 2.0])
+# Each corner of the soles is pressed down with so much, so that feet that carry nothing
+# stay on the floor [shares of the weight].
+_LEAST_FORCE = 0.005
+_FRICTION = 0.8  # of the friction, the share that is used
+# Forces keep so much from the soles' edges, over which feet would tip [m]. Much less
+# than balance keeps of the command's (`BalanceParameters`): the difference is what
+# brings the robot back.
+SOLE_MARGIN = 0.005
 
 
-@dataclass(frozen=True, eq=False)
-class StandingStep:
+class StandingStep(NamedTuple):
     """What the standing law answers."""
 
     # (nu,) in the plant's actuator order, within the limits [Nm or N]
@@ -103,8 +93,7 @@ class StandingStep:
     # (C, 3) of the ground at the corners of the soles, in the world [N]
     forces: np.ndarray
     clipped: float = 0.0  # what the limits took off an effort, at most [Nm or N]
-    # whether the robot lies, or no forces are found for it; then its joints are just
-    # braked
+    # whether the robot lies, or no forces are found for it: its joints are just braked
     fell: bool = False
 
 
@@ -136,20 +125,18 @@ class StandingLaw:
         plant: MultibodyPlant,
         description: RobotDescription,
         friction: float,
-        gains: StandingGains | None = None,
     ) -> None:
         """
         Args:
             plant: finalized, with the robot alone, whose root floats.
             description: of the robot, with soles.
             friction: of the ground.
-            gains: by default `StandingGains()`.
 
         Raises:
             ModelError: the root does not float, a joint is not actuated, or a sole is
                 not on a leg.
         """
-        self.plant, self.gains = plant, gains or StandingGains()
+        self.plant = plant
         root = find_root(plant, description)
         if root is None:
             raise ModelError(
@@ -179,15 +166,11 @@ class StandingLaw:
         ]
         self._stiffness, self._rates = (
             np.tile(np.repeat(pair, 3), len(self._soles))
-            for pair in (
-                (self.gains.sole_turn, self.gains.sole),
-                (self.gains.sole_turn_rate, self.gains.sole_rate),
-            )
+            for pair in ((_SOLE_TURN, _SOLE), (_SOLE_TURN_RATE, _SOLE_RATE))
         )
-        friction *= self.gains.friction_share
+        friction *= _FRICTION
         self._edges = np.column_stack([friction * _WAYS, np.ones(len(_WAYS))])
-        margin = self.gains.sole_margin
-        self._pressed = [_within(corners, margin) for _, corners in self._soles]
+        self._pressed = [_within(corners, SOLE_MARGIN) for _, corners in self._soles]
         context, q = plant.CreateDefaultContext(), zero_positions(plant)
         for name, value in description.rest_posture.items():
             q[find_joint(plant, name).position_start()] = value
@@ -236,7 +219,7 @@ class StandingLaw:
             command: (n,) positions, velocities and accelerations of the joints
                 `joint_names`, with legs at rest.
         """
-        plant, gains, b, legs, j = self.plant, self.gains, self._b, self._l, self._j
+        plant, b, legs, j = self.plant, self._b, self._l, self._j
         nv = plant.num_velocities()
         q, v = np.split(state, [len(state) - nv])
         plant.SetPositionsAndVelocities(context, state)
@@ -253,8 +236,8 @@ class StandingLaw:
         a_0, N = np.zeros(nv), np.zeros((nv, 6))
         a_0[j] = (
             command[2]
-            + gains.joint * (command[0] - q[self._j_q])
-            + gains.joint_rate * (command[1] - v[j])
+            + _JOINT * (command[0] - q[self._j_q])
+            + _JOINT_RATE * (command[1] - v[j])
         )
         U, s, V_T = np.linalg.svd(J[:, legs], full_matrices=False)
         inverse = (V_T.T * (s / np.maximum(s, _SINGULAR) ** 2)) @ U.T
@@ -271,14 +254,13 @@ class StandingLaw:
 
         c = plant.CalcCenterOfMassPositionInWorld(context) - c_ref
         c_dot = plant.CalcCenterOfMassTranslationalVelocityInWorld(context) - c_dot_ref
-        omega, k = np.sqrt(GRAVITY / (c_ref[2] - self.floor)), gains.capture
+        omega, k = np.sqrt(GRAVITY / (c_ref[2] - self.floor)), _CAPTURE
         c_dd = c_dd_ref - omega * k * c - (omega + k) * c_dot
         pose = plant.EvalBodyPoseInWorld(context, self._root)
         turned = _rotation_vector(pose.rotation() @ X_ref.rotation().inverse())
-        turn = -gains.turn * turned - gains.turn_rate * v[b[:3]]
+        turn = -_TURN * turned - _TURN_RATE * v[b[:3]]
         fallen = X_ref.translation()[2] - pose.translation()[2]
-        rise = gains.height * fallen - gains.height_rate * v[b[5]]
-        w = np.array([1.0, 1.0, *3 * [gains.weigh_turn], gains.weigh_height])
+        rise = _HEIGHT * fallen - _HEIGHT_RATE * v[b[5]]
         rows = np.vstack([pushes[b[3:5]] * GRAVITY / self._weight, B[:3], B[5:]])
         wanted = np.concatenate([c_dd[:2], turn + a_f[:3], [rise + a_f[5]]])
 
@@ -286,7 +268,8 @@ class StandingLaw:
         root_inertia, efforts = M @ N, self._actuators.efforts
         efforts_0 = efforts(M @ a_0 + h - root_inertia @ a_f)
         D = efforts(root_inertia @ B - pushes)
-        x = self._shares(w[:, np.newaxis] * rows, w * wanted, efforts_0, D)
+        rows = _WEIGHTS[:, np.newaxis] * rows
+        x = self._shares(rows, _WEIGHTS * wanted, efforts_0, D)
         if not np.isfinite(x).all():
             # Legs that fling about in a fall cannot hold the root at all.
             return self._go_limp(M, v)
@@ -317,7 +300,7 @@ class StandingLaw:
         some = np.isfinite(limits)
         D, at = D[some] / limits[some, np.newaxis], efforts_0[some] / limits[some]
         none = np.eye(rows.shape[1])
-        least = np.full(len(none), self.gains.least_force / len(_WAYS))
+        least = np.full(len(none), _LEAST_FORCE / len(_WAYS))
         M, right = rows.T @ rows + _EVEN**2 * none, rows.T @ wanted
         x, _, _ = one_sided_minimum(
             M,

@@ -117,7 +117,7 @@ class Summary:
     # were clipped, by more than rounding
     torque_clipped_samples: int
     braking_samples: int  # samples without targets, which count in no error
-    # samples with a measured state that no robot has, see `law.plausible`; the
+    # samples with a measured state that no robot has, see `law.measured`; the
     # robot braked, and they count in no error
     implausible_samples: int
     frame_rate: float | None  # of the motion [Hz]; None for keyframes, or if not known

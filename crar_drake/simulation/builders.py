@@ -14,7 +14,6 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import MatrixGain
 
 from crar_drake.errors import ModelError, tell
-from crar_drake.law.commanded_motion import CommandedMotion
 from crar_drake.law.controller import CrarController
 from crar_drake.law.parameters import LookaheadParameters, Parameters
 from crar_drake.law.standing_controller import StandingController
@@ -242,7 +241,6 @@ def connect_controller(
     controller = CrarController(
         model,
         parameters,
-        plant_is_discrete=plant.time_step() > 0.0,
         obstacle_speeds=obstacle_speeds,
         strict=strict,
     )
@@ -300,9 +298,10 @@ def AddStandingController(
     """Adds what keeps a plant's robot on its soles while its upper body follows tasks,
     and connects it.
 
-    A `CrarController` moves a `CommandedMotion`, its own command, from the rest posture
-    on. A `StandingController` lets the robot on the floor follow that. What remains to
-    be connected are the first one's `desired_tasks` and `desired_prescribed`.
+    A `CrarController` moves a command, from the rest posture on, and takes that for the
+    robot's state. A `StandingController` lets the robot on the floor follow the
+    command. What remains to be connected are the first one's `desired_tasks` and
+    `desired_prescribed`.
 
     Args:
         builder: of the diagram that owns the plant.
@@ -342,22 +341,15 @@ def AddStandingController(
             f"that stands may explode; take at most {LONGEST_STANDING_STEP:g} s",
             strict,
         )
-    controller = builder.AddSystem(
-        CrarController(model, parameters, plant_is_discrete=False, strict=strict)
-    )
-    motion = builder.AddSystem(
-        CommandedMotion(model.rest_positions(), parameters.period)
-    )
-    standing = builder.AddSystem(StandingController(law, model.velocity_names))
-    command = motion.get_output_port_state()
+    controller = builder.AddSystem(CrarController(model, parameters, strict=strict))
+    standing = builder.AddSystem(StandingController(law, model, parameters.period))
+    command = standing.get_output_port_commanded_state()
     acceleration = controller.get_output_port_desired_acceleration()
     state = estimated_state or plant.get_state_output_port(*part)
     torque = standing.get_output_port_actuation()
     for source, port in (
         (command, controller.get_input_port_estimated_state()),
-        (acceleration, motion.get_input_port_acceleration()),
         (state, standing.get_input_port_estimated_state()),
-        (command, standing.get_input_port_commanded_state()),
         (acceleration, standing.get_input_port_commanded_acceleration()),
         (torque, plant.get_actuation_input_port(*part)),
     ):

@@ -144,9 +144,9 @@ def MakeCrarDiagram(
 ) -> Diagram:
     """Builds the whole diagram of a scenario.
 
-    Where the robot stands, the controller runs on its own command ("commanded_motion"),
-    which a "standing_controller" lets the robot on the floor follow; the logs are then
-    those of "actuation" and "acceleration" of that one, too.
+    Where the robot stands, the controller runs on its own command, which a
+    "standing_controller" lets the robot on the floor follow; the logs are then those of
+    "actuation" and "acceleration" of that one, too.
 
     Subsystems, by name: "plant", "scene_graph", "crar_controller", "pushes",
     "desired_tasks", (if there are prescribed joints) "desired_prescribed" and (if there
@@ -189,8 +189,7 @@ def MakeCrarDiagram(
     plant.SetDefaultPositions(setup.start_positions)
 
     parameters, time_step = scenario.controller, plant.time_step()
-    ticks = parameters.torque_ticks(time_step)
-    period = parameters.torque_period_for(time_step)
+    ticks, period = parameters.torque_ticks(time_step)
     if law is not None:
         ticks, period = round(parameters.period / time_step), time_step
     measured = AddMeasurement(builder, plant, disturbances, period, ticks)

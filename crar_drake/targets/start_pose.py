@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from crar_drake.law.constraint_weights import composite_index, limit_potential
-from crar_drake.law.paper import Gains, start_step
+from crar_drake.law.paper import Gains, limit_potential, start_step
+from crar_drake.law.parameters import PaperGains
 from crar_drake.law.references import error_from_targets
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import ModelState
@@ -18,18 +18,7 @@ _LARGEST_STEP = 0.1  # [rad] of one iteration
 _ITERATIONS = 300
 _ROUNDS = 10  # in which pairs are found that hold up a step
 
-# Of `start_step` alone; what it does not take is NaN.
-_GAINS = Gains(
-    damping=0.05,
-    Gv=math.nan,
-    GvN=math.nan,
-    rho=1e-3,
-    alpha=50.0,
-    beta=2.0,
-    limit_share=math.nan,
-    period=math.nan,
-    velocity_level=False,
-)
+_GAINS = PaperGains(damping=0.05, rho=1e-3)
 
 
 def solve_start_pose(
@@ -53,7 +42,7 @@ def solve_start_pose(
     tasks = np.array(tasks, dtype=float)
     S = model.row_weights
     limits = limit_potential(model.lower, model.upper)
-    gains = _GAINS._replace(limit_share=composite_index(len(model.pairs)))
+    gains = Gains.of(_GAINS, math.nan, len(model.pairs))
 
     def at(q: np.ndarray) -> tuple[ModelState, np.ndarray]:
         state = model.evaluate(workspace, q, zero)

@@ -1,4 +1,7 @@
-"""A law that keeps a standing robot balanced, and what cannot stand."""
+"""A law that keeps a standing robot balanced, and what cannot stand.
+
+That it does, whatever is asked: `tests/acceptance/test_balance_attacked.py`.
+"""
 
 from dataclasses import replace
 
@@ -35,28 +38,6 @@ def parameters(**changes) -> LookaheadParameters:
     return LookaheadParameters(**(given | changes))
 
 
-def motion_of(law: ControlLaw, seed: int, steps: int):
-    """Positions, velocities, accelerations at both ends of each step; how admitted."""
-    rng, model = np.random.default_rng(seed), law.model
-    q, v = model.rest_positions(), np.zeros(model.plant.num_velocities())
-    home, prescribed = model.tasks_at(q), model.prescribed_at(q)
-    law.reset()
-    Q, V, A, hows, tasks = [], [], [], [], home
-    for k in range(steps):
-        if k % 20 == 10:
-            tasks = home.copy()
-            tasks[:3] += rng.normal(0.0, 0.5, 3)
-        solution = law.step(q, v, tasks, prescribed)
-        a = solution.acceleration
-        for t in (0.0, PERIOD):
-            Q.append(q + t * v + 0.5 * t * t * a)
-            V.append(v + t * a)
-            A.append(a)
-        q, v = Q[-1], V[-1]
-        hows.append(solution.balance[0])
-    return *map(np.array, (Q, V, A)), np.array(hows)
-
-
 def outside(whole, model, Q, V, A) -> np.ndarray:
     """How far centres of pressure are outside the soles less 2 cm, by Drake [m];
     infinitely far where the ground would have to pull."""
@@ -73,20 +54,6 @@ def outside(whole, model, Q, V, A) -> np.ndarray:
     centres = ground_wrench(floating.plant, q, *rates).centres(soles[0][0, 2])
     far = (centres @ faces[:, :2].T + faces[:, 2]).max(axis=1)
     return np.nan_to_num(far, nan=np.inf)
-
-
-def test_whatever_is_asked_the_ground_can_give_it(whole):
-    model = model_of(standing_description(whole))
-    law = ControlLaw(model, parameters())
-    assert law.effort_limits is not None
-    without = ControlLaw(model, parameters(balance=None))
-    Q, V, A, hows = motion_of(law, 1, 200)
-    assert outside(whole, model, Q, V, A).max() < 1e-9
-    assert {0.0, 1.0} <= set(hows)
-    moved = np.abs(V).max()
-    Q, V, A, hows = motion_of(without, 1, 200)
-    assert outside(whole, model, Q, V, A).max() > 0.01 and np.isnan(hows).all()
-    assert moved > 0.2 * np.abs(V).max()  # a robot that stands still would be safe, too
 
 
 def test_a_law_that_is_balanced_anyway_is_left_as_it_is(whole):
@@ -163,19 +130,10 @@ def cell(tmp_path_factory):
     return tipping_cell(tmp_path_factory.mktemp("robot") / "cell")
 
 
-def test_a_cell_on_small_feet_does_not_tip(cell):
-    """Its base is fixed; the margin is larger than a foot, and is that of the hull."""
+def test_the_margin_of_small_feet_is_that_of_their_hull(cell):
+    """It is larger than a foot."""
     model = model_of(cell)
-    floats = replace(cell, root="prescribed")
-    farthest = []
-    for balance in (BalanceParameters(), None):
-        law = ControlLaw(model, parameters(balance=balance))
-        Q, V, A, hows = motion_of(law, 2, 200)
-        lacks = outside(floats, model, Q, V, A)
-        farthest.append(lacks.max())
-        if balance:
-            assert {0.0, 1.0} <= set(hows) and np.abs(V).max() > 1.0
-    assert farthest[0] < 1e-9 and farthest[1] > 0.01
+    ControlLaw(model, parameters())
     hull = shrunk(np.concatenate(sole_corners(model)), 0.02)
     np.testing.assert_allclose(np.abs(hull[:, :2]), APART + PAD - 0.02)
     np.testing.assert_allclose(hull[:, 2], 0.2)

@@ -127,16 +127,6 @@ def test_rotation_derivatives_with_a_moving_target(degrees, t):
         np.testing.assert_allclose(now[2], (after[1] - before[1]) / (2 * H), atol=2e-5)
 
 
-def test_the_moving_frame_of_these_tests_is_consistent():
-    rng = np.random.default_rng(3)
-    frame = MovingFrame(np.eye(3), rng.normal(size=3), rng.normal(size=3))
-    before, now, after = (frame.at(0.3 + k * H) for k in (-1, 0, 1))
-    np.testing.assert_allclose(
-        now[1], angular_velocity(before[0], after[0], 2 * H), atol=1e-8
-    )
-    np.testing.assert_allclose(now[2], (after[1] - before[1]) / (2 * H), atol=1e-8)
-
-
 @pytest.mark.parametrize("degrees", [0.0, 1e-6, 30.0, 170.0, 179.9])
 def test_rotation_ends(degrees):
     rng = np.random.default_rng(4)

@@ -16,8 +16,8 @@ from crar_drake.errors import InputError
 from crar_drake.law import parameters
 from crar_drake.law.control_law import ControlLaw
 from crar_drake.law.limits import velocity_bounds
+from crar_drake.law.measured import fastest_asked
 from crar_drake.law.parameters import LookaheadParameters
-from crar_drake.law.plausible import fastest_asked
 from crar_drake.law.step import SCALED
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
@@ -212,7 +212,7 @@ def test_periods_whose_multiples_round_differently(step, ratio, apart, monkeypat
     target = builder.AddSystem(ConstantVectorSource(np.r_[0.3, 0.3, np.zeros(7)]))
     builder.Connect(target.get_output_port(), controller.get_input_port_desired_tasks())
     diagram = builder.Build()
-    assert ratio // gains.torque_ticks(step) == apart  # steps between two torques
+    assert ratio // gains.torque_ticks(step)[0] == apart  # steps between two torques
     model, seen = controller.model, []
     inverse_dynamics = ControlModel.inverse_dynamics
 
@@ -258,7 +258,7 @@ def test_a_run_may_begin_between_control_ticks(time_step, monkeypatch):
     solve, calls = ControlLaw.solve, []
 
     def recorded(self, workspace, memory, tick, time, q, v, *rest):
-        calls.append((tick, round(time, 6), not memory.continues))
+        calls.append((tick, round(time, 6), memory.kept is None))
         return solve(self, workspace, memory, tick, time, q, v, *rest)
 
     monkeypatch.setattr(ControlLaw, "solve", recorded)
@@ -408,8 +408,8 @@ def test_torque_within_effort_limits():
 def test_a_torque_each_millisecond_or_step(period, plant_step, expected):
     gains = LookaheadParameters(period=period)
     gains.validate()
-    assert gains.torque_period_for(plant_step) == pytest.approx(expected, rel=1e-9)
-    ticks = gains.torque_ticks(plant_step)
+    ticks, time = gains.torque_ticks(plant_step)
+    assert time == pytest.approx(expected, rel=1e-9)
     assert ticks * expected == pytest.approx(period, rel=1e-9)
 
 

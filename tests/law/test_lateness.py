@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from crar_drake import ControlModel, load_robot_description, position_tasks
-from crar_drake.law import lateness
 from crar_drake.law.control_law import ControlLaw
-from crar_drake.law.lateness import LATEST, watch_lateness
+from crar_drake.law.measured import LATEST, watch_lateness
 from crar_drake.law.parameters import LookaheadParameters
 
 PERIOD = 5e-3
@@ -103,7 +102,7 @@ def test_a_preview_bears_a_late_state(model, late, monkeypatch):
     settled = slice(100, None)
     assert found[settled].max() < right[settled].max() + 2e-3
     assert np.abs(accelerations[settled]).max() < 1.1 * np.abs(calm[settled]).max()
-    monkeypatch.setattr(lateness, "_FIRST", 10**9)
+    monkeypatch.setattr("crar_drake.law.measured._FIRST", 10**9)
     _, shaking = swung(model, late)
     assert np.abs(shaking[settled]).max() > 3.0 * np.abs(calm[settled]).max()
 

@@ -109,9 +109,9 @@ def test_a_plan_that_went_astray_is_left(model):
         command = solution.position_command
         q, v = command[: len(q)], command[len(q) :]
         if k == 20:
-            kept = law._memory.solution.kept.copy()
+            kept = law._memory.kept.copy()
             kept[-5 * model.n :] = 1e8 * rng.normal(size=5 * model.n)
-            law._memory.solution.kept = kept
+            law._memory.kept = kept
     assert np.abs(solution.task_error).max() < 1e-3
     assert np.abs(solution.acceleration).max() < 1.0
 

@@ -11,7 +11,6 @@ from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.results.certificate import judge_certificate
 from crar_drake.results.log import SimulationLog
 from crar_drake.run import RunResult, run_scenario
-from crar_drake.simulation.diagram import PrepareScenario
 from crar_drake.simulation.scenario import Scenario, load_scenario, parse_scenario
 
 # Motion, experiment, control period and duration [s]. At 3.5 s of the boxing a hand
@@ -92,19 +91,6 @@ def test_a_longer_braking_time_in_mid_motion_has_its_path_asked_anew(run):
             assert clear[2] == 0.0
             unclear += 1
     assert unclear > 3
-
-
-def test_more_rows_than_joints_are_among_the_cases():
-    """The seven points of the upper body: no null space; the wrists have one, and
-    the arm's task has orientation rows."""
-    seven, two, pose = (
-        PrepareScenario(s).model
-        for s in (boxing("upper-body", 5e-3, 1.0), boxing("wrists", 5e-3, 1.0), arm())
-    )
-    assert seven.m >= seven.n
-    assert two.m < two.n
-    assert len(pose.layout.angular_tasks) == 1
-    assert any("post" in pair for pair in np.ravel(pose.pairs.names))
 
 
 @pytest.mark.parametrize("kind", ["upper body", "arm"])

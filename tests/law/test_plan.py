@@ -25,7 +25,9 @@ from crar_drake.law.references import References
 
 PERIOD, DURATION, RHO, D, K = 5e-3, 0.16, 2e-4, 12.0, 9.0
 MARGIN, LIMIT_MARGIN, FAR = 5e-3, 0.02, 0.04
-PREVIEW = make_preview(DURATION, RHO, D, K, PERIOD, FAR)
+AHEAD = LookaheadParameters(preview=DURATION, smoothness=RHO, posture_gain=K).resolved()
+AHEAD = AHEAD._replace(damping=D, farthest_pull=FAR, null_space_damping=0.02)
+PREVIEW = make_preview(AHEAD, PERIOD)
 N = len(PREVIEW.times)
 
 
@@ -80,7 +82,7 @@ def squares(found, shares, damping, posture_error, qdot, plan) -> np.ndarray:
 
 def test_the_instants_are_apart_by_a_period_at_least():
     np.testing.assert_allclose(PREVIEW.times, [0.01, 0.03, 0.06, 0.1, 0.16])
-    late = make_preview(0.1, RHO, D, K, 0.02, FAR)
+    late = make_preview(AHEAD._replace(preview=0.1), 0.02)
     np.testing.assert_allclose(late.times, [0.02, 0.04, 0.06, 0.08, 0.1])
 
 
@@ -90,7 +92,7 @@ def test_a_plan_is_shifted_by_a_period():
     before = plan.reshape(N, 2)
     # The middles of the parts, 5, 20, 45, 80 and 130 ms, and a period of 5 ms later.
     np.testing.assert_array_equal(shifted, before[[0, 1, 2, 3, 4]])
-    late = make_preview(DURATION, RHO, D, K, 0.04, FAR)
+    late = make_preview(AHEAD, 0.04)
     # Parts of 40 ms: what was next is now, and of what comes last nothing is known.
     np.testing.assert_array_equal(
         shifted_plan(plan, late, 2, 0.04), [*before[1:5], [0.0, 0.0]]

@@ -5,8 +5,8 @@ import pytest
 from small_logs import small_log
 
 from crar_drake.law.control_law import ControlLaw
+from crar_drake.law.measured import MeasuredStates
 from crar_drake.law.parameters import LookaheadParameters, PaperParameters
-from crar_drake.law.plausible import PlausibleStates
 from crar_drake.law.records import (
     STATUS_BLENDING,
     STATUS_BRAKING,
@@ -118,7 +118,7 @@ def test_the_papers_constraints_believe_everything(model):
 
 
 def test_thresholds_by_hand(model):
-    plausible = PlausibleStates(model, PERIOD)
+    plausible = MeasuredStates(model, PERIOD, 0.0, False)
     q, v = model.rest_positions(), np.zeros(model.plant.num_velocities())
     most = max(100.0, 3.0 * model.velocity_limits[ELBOW])
     fast = v.copy()

@@ -1,22 +1,30 @@
 """The standing law: Newton and Euler, cones, limits; what the ground cannot give."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from exact_loop import follow
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import MultibodyForces
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
 from standing_robots import BELOW, CORNERS, HEIGHT, standing_robot
 
 from crar_drake.errors import ModelError
+from crar_drake.law.controller import CrarController
+from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.law.standing_controller import StandingController
-from crar_drake.law.standing_law import StandingGains, StandingLaw, StandingStep
+from crar_drake.law.standing_law import SOLE_MARGIN, StandingLaw, StandingStep
 from crar_drake.robot.description import add_robot
+from crar_drake.robot.model import ControlModel
 from crar_drake.robot.standing import standing_description
+from crar_drake.robot.task import Task
 
 FRICTION = 0.7
+PERIOD = 0.005  # [s]
 SEEDS = range(4)
 
 
@@ -58,7 +66,7 @@ def inverse_dynamics(law: StandingLaw, context, answer: StandingStep) -> np.ndar
         for corner in np.array(CORNERS):
             # The soles are rectangles: drawn in, each side comes nearer by as much.
             middle = np.mean(CORNERS, axis=0)
-            used = corner - StandingGains().sole_margin * np.sign(corner - middle)
+            used = corner - SOLE_MARGIN * np.sign(corner - middle)
             R_WB = plant.EvalBodyPoseInWorld(context, body).rotation()
             body.AddInForce(
                 context,
@@ -165,24 +173,83 @@ def test_a_robot_that_lies_is_braked(law) -> None:
         assert (answer.efforts * v[6:] < 0.0).all()
 
 
+@dataclass
+class Commanded:
+    """What a standing controller asks of the model of its command."""
+
+    velocity_names: list[str]
+    rest: np.ndarray
+
+    def rest_positions(self) -> np.ndarray:
+        return self.rest
+
+
 def test_the_system_finds_joints_by_name(law) -> None:
     """A command in another order is the same command."""
     random = np.random.default_rng(0)
     n, nv = len(law.joint_names), law.plant.num_velocities()
-    q, a = law.rest[7:], random.normal(size=n)
+    a = random.normal(size=n)
     state = np.concatenate((law.rest, 0.01 * random.normal(size=nv)))
     efforts = []
     for order in (np.arange(n), random.permutation(n)):
-        system = StandingController(law, [law.joint_names[i] for i in order])
+        names = [law.joint_names[i] for i in order]
+        system = StandingController(law, Commanded(names, law.rest[7:][order]), PERIOD)
         context = system.CreateDefaultContext()
         system.get_input_port_estimated_state().FixValue(context, state)
-        command = np.concatenate((q[order], np.zeros(n)))
-        system.get_input_port_commanded_state().FixValue(context, command)
         system.get_input_port_commanded_acceleration().FixValue(context, a[order])
         efforts.append(system.get_output_port_actuation().Eval(context.Clone()))
     np.testing.assert_allclose(efforts[0], efforts[1], atol=1e-9)
+    names = [x for x in law.joint_names if x != "elbow"]
     with pytest.raises(ModelError, match="lacks elbow"):
-        StandingController(law, [x for x in law.joint_names if x != "elbow"])
+        StandingController(law, Commanded(names, law.rest[7:-1]), PERIOD)
+
+
+def test_the_command_does_exactly_as_told(law, tmp_path) -> None:
+    """The controller on its own command: at a tick that is the state that the law
+    itself predicted, and in between q + (t - e) q_dot + e s, e = t^2 / (2 T), s = q_dot
+    + T q_ddot, of (1) with delta 0."""
+    still = standing_description(standing_robot(tmp_path))
+    tasks = [Task(frame="hand")]
+    model = ControlModel.FromDescription(still, tasks, time_step=0.0)
+    parameters = LookaheadParameters(period=PERIOD)
+    rest, T = model.rest_positions(), parameters.T
+    target = model.tasks_at(rest)
+    target[:3] += [0.05, 0.02, 0.05]
+    expected, _ = follow(model, parameters, np.tile(target, (30, 1)))
+    builder = DiagramBuilder()
+    controller = CrarController(model, parameters)
+    system = StandingController(law, model, PERIOD)
+    for each in (controller, system):
+        builder.AddSystem(each)
+    acceleration = controller.get_output_port_desired_acceleration()
+    command = system.get_output_port_commanded_state()
+    for value, port in (
+        (target, controller.get_input_port_desired_tasks()),
+        (model.prescribed_at(rest), controller.get_input_port_desired_prescribed()),
+    ):
+        source = builder.AddSystem(ConstantVectorSource(value))
+        builder.Connect(source.get_output_port(), port)
+    builder.Connect(command, controller.get_input_port_estimated_state())
+    told = system.get_input_port_commanded_acceleration()
+    builder.Connect(acceleration, told)
+    at_rest = np.concatenate((law.rest, np.zeros(law.plant.num_velocities())))
+    source = builder.AddSystem(ConstantVectorSource(at_rest))
+    measured = system.get_input_port_estimated_state()
+    builder.Connect(source.get_output_port(), measured)
+    simulator = Simulator(builder.Build())
+    root = simulator.get_context()
+    of_command = system.GetMyContextFromRoot(root)
+    of_law = controller.GetMyContextFromRoot(root)
+    for k, at_tick in enumerate(expected):
+        q, v = np.split(command.Eval(of_command).copy(), 2)
+        t = 0.3 * PERIOD
+        simulator.AdvanceTo(k * PERIOD + t)
+        s, e = v + T * acceleration.Eval(of_law), t * t / (2.0 * T)
+        between = [*(q + (t - e) * v + e * s), *(v + t * (s - v) / T)]
+        np.testing.assert_allclose(command.Eval(of_command), between, atol=1e-13)
+        simulator.AdvanceTo((k + 1) * PERIOD)
+        np.testing.assert_allclose(command.Eval(of_command), at_tick, atol=1e-11)
+    assert np.abs(expected[-1][len(q) :]).max() > 0.1  # it is under way
 
 
 def test_a_root_that_is_welded_is_told(tmp_path) -> None:

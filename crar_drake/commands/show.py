@@ -26,6 +26,10 @@ _OPTIONS = {
         *("robot", "out", "label", "overlay", "layout", "frame_rate"),
         *("clip", "no_meshes"),
     ),
+    "a person beside a robot": (
+        *("robot", "out", "label", "overlay", "layout", "clip", "no_meshes"),
+        *FILE_OPTIONS,
+    ),
 }
 
 
@@ -39,7 +43,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "motion of a person or a robot: print what is in it and what looks bad, and "
         "plot it. Of a log: make a page to look at, without simulating again. Of "
         "several logs, or several motions of a robot, such as before and after "
-        "cleaning: make one page with one time line.",
+        "cleaning, or the person's before them: make one page with one time line.",
     )
     parser.add_argument(
         "files",
@@ -186,7 +190,10 @@ def _make_page(arguments: argparse.Namespace, paths: list[Path]) -> None:
     paths = [path / LOG if path.is_dir() else path for path in paths]
     single = len(paths) == 1
     references = [] if single else [path for path in paths if holds_reference(path)]
-    several = "several motions of a robot" if references else "several logs"
+    people = [path for path in paths if path not in references] if references else []
+    several = "several logs"
+    if references:
+        several = "a person beside a robot" if people else "several motions of a robot"
     _refuse_others(arguments, "a log" if single else several)
     labels = arguments.label
     if labels is not None and len(labels) != len(paths):
@@ -199,7 +206,10 @@ def _make_page(arguments: argparse.Namespace, paths: list[Path]) -> None:
     check_file(out)
     labels = labels or _file_labels(paths)
     if references:
-        _show_references(arguments, paths, references, labels, out)
+        of_all = list(zip(paths, labels, strict=True))
+        of_all.sort(key=lambda each: each[0] in people)
+        labels = [each for _, each in of_all]
+        _show_references(arguments, references, people, labels, out)
     else:
         logs = [SimulationLog.load(path) for path in paths]
         robot, overlay = arguments.robot or "", arguments.overlay
@@ -209,33 +219,42 @@ def _make_page(arguments: argparse.Namespace, paths: list[Path]) -> None:
 
 def _show_references(
     arguments: argparse.Namespace,
-    paths: list[Path],
     references: list[Path],
+    people: list[Path],
     labels: list[str],
     out: Path,
 ) -> None:
+    """Motions of a robot, and the person who moved so, whose label is the last."""
+    from crar_drake.motion.catalogue import load_performer
+    from crar_drake.results import LOG
+    from crar_drake.results.log import is_log
     from crar_drake.results.motion_page import compare_files
 
-    others = [path for path in paths if path not in references]
-    if others:
+    no_person = [path for path in people if path.name == LOG or is_log(path)]
+    if no_person or len(people) > 1:
         raise UsageError(
-            f"{others[0]} is no reference motion, and {references[0]} is one: compare "
-            "runs, or reference motions"
+            f"{(no_person or people[1:])[0]} is no reference motion, and "
+            f"{references[0]} is one: compare runs, or reference motions beside one "
+            "person"
         )
     if not arguments.robot:
         raise UsageError("say which robot the motions are of: --robot ROBOT")
     from crar_drake.robot.description import whole_body_name
 
+    person = None
+    if people:
+        person = load_performer(str(people[0]), given_motion_options(arguments))
     compare_files(
-        paths,
+        references,
         out,
         whole_body_name(arguments.robot),
         labels=labels,
         layout=arguments.layout,
-        rate=arguments.frame_rate,
+        rate=None if people else arguments.frame_rate,
         clip=arguments.clip,
         meshes=not arguments.no_meshes,
         overlay=arguments.overlay,
+        person=person,
     )
 
 

@@ -1,4 +1,5 @@
-"""Reference motions side by side in one recorded page, such as before and after.
+"""Reference motions side by side in one recorded page, such as before and after, or
+beside the person who moved so first.
 
 Each is judged as `crar-drake judge` does. In the frames in which they are inside
 another, links are coloured: by the triangles of their meshes, or where these are not
@@ -15,6 +16,7 @@ from pydrake.geometry import Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import CrarError
+from crar_drake.motion.performer import Performer
 from crar_drake.motion.planted_feet import runs
 from crar_drake.references.adjusting import Frames, trimmed
 from crar_drake.references.change import rms
@@ -27,6 +29,7 @@ from crar_drake.references.reference_judge import (
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results import marks
+from crar_drake.results.drawn_person import DrawnPerson
 from crar_drake.results.drawn_robot import DrawnRobot
 from crar_drake.results.recorded_page import (
     RecordedRun,
@@ -69,19 +72,21 @@ def compare_files(
     frames: Frames = (1, None),
     meshes: bool = True,
     overlay: bool = False,
+    person: Performer | None = None,
 ) -> list[ReferenceVerdict]:
     """Judges motions of one robot, and writes the page of them; their verdicts.
 
     Args:
         files: of two motions or more, at most as many as `marks.RUNS`, the first of
-            which the others came from.
+            which the others came from; beside a person one will do.
         path: of the .html file; appears whole or not at all.
-        labels: what to call each.
+        labels: what to call each; the person last.
         layout, rate: of the files, where they do not say them (`read_motion`).
         clip: which motion of files that hold several.
         frames: of the first file, that the others were made of.
         meshes: whether to judge by meshes, where the robot has any.
         overlay: whether they are laid over each other when the page opens.
+        person: who moved so first, shown before the motions.
 
     Raises:
         CrarError: there are too few or too many.
@@ -90,9 +95,10 @@ def compare_files(
         ModelError: the robot cannot be used, or what reads meshes is not installed.
         WriteError: the page cannot be written.
     """
-    if not 2 <= len(files) <= len(marks.RUNS):
+    count = len(labels)
+    if not 2 <= count <= len(marks.RUNS):
         raise CrarError(
-            f"{len(files)} motions cannot be compared: name 2 to {len(marks.RUNS)}"
+            f"{count} motions cannot be compared: name 2 to {len(marks.RUNS)}"
         )
     description = load_robot_description(robot).without_ground()
     whole = WholeBody(description)
@@ -105,14 +111,19 @@ def compare_files(
     judged = "meshes" if verdicts[0].meshes is not None else "capsules"
     meshcat, afloat = empty_scene(), WholeBody(_afloat(judge.robot))
     drawn = DrawnRobot(afloat.description, meshcat, robot_prefix(0), _GREY)
+    shown = [
+        _record(motion, motions[0], verdict, label, afloat, drawn)
+        for motion, verdict, label in zip(motions, verdicts, labels, strict=False)
+    ]
+    if person is not None:
+        rate, of = motions[0].rate, motions[0].root_positions
+        bones = DrawnPerson(person, meshcat, robot_prefix(1), of, rate)
+        shown.insert(0, _record_person(bones, rate, labels[-1]))
     name = Path(files[0]).name
     write_page(
         path,
         meshcat,
-        [
-            _record(motion, motions[0], verdict, label, afloat, drawn)
-            for motion, verdict, label in zip(motions, verdicts, labels, strict=True)
-        ],
+        shown,
         title=f"{name}, {clip}" if clip else name,
         subtitle=_subtitle(motions, description.name, judged),
         overlay=overlay,
@@ -214,6 +225,29 @@ def _record(
         targets=no_targets,
         reached=no_targets,
         penetrating=_penetrating_links(pairs, robot, count),
+    )
+
+
+def _record_person(person: DrawnPerson, rate: float, label: str) -> RecordedRun:
+    """What the page shows of a person, at a rate [Hz]."""
+    found = person.record()
+    nothing = np.empty((len(found["poses"]), 0, 3))
+    return RecordedRun(
+        robot=person,
+        label=label,
+        figures=(),
+        warning_distance=0.0,
+        rate=rate,
+        **found,
+        pair_names=(),
+        curve_time=np.arange(len(nothing)) / rate,
+        distance_curve=np.empty(0),
+        error_curve=np.empty(0),
+        error_unit="",
+        spans={name: [] for name in _SPANS},
+        target_names=(),
+        targets=nothing,
+        reached=nothing,
     )
 
 

@@ -19,6 +19,7 @@ from pydrake.geometry import Meshcat
 from crar_drake.files import write_whole
 from crar_drake.resources import page_resource
 from crar_drake.results import marks
+from crar_drake.results.drawn_person import DrawnPerson
 from crar_drake.results.drawn_robot import DrawnRobot
 from crar_drake.results.packed_page import packed_array, packed_page
 from crar_drake.simulation.visuals import GRID, VIEW_PITCH, VIEW_YAW, set_surroundings
@@ -43,7 +44,7 @@ RUN_TEXTS = {
 class RecordedRun:
     """One of the robots that a page shows, at F frames."""
 
-    robot: DrawnRobot  # that several runs of a page may share
+    robot: DrawnRobot | DrawnPerson  # that several runs of a page may share
     label: str  # what it is called beside others
     figures: Sequence[dict]  # in the caption, see `figure`
     # at which links count as near each other; 0 if only those inside each other do [m]

@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 import trimesh
 from recorded_pages import look, read_data
+from scipy.spatial.transform import Rotation
 from small_reference_robots import BASE_SHAPE, reaching, write_csv, write_robot
 from small_robots import LINK
 
 from crar_drake.commands import main
 from crar_drake.errors import CrarError, MotionError
+from crar_drake.motion.catalogue import load_performer
+from crar_drake.motion.performer import PARENTS
 from crar_drake.references.clean_file import clean_file
 from crar_drake.references.motion_files import read_motion, write_motions
 from crar_drake.references.whole_body import WholeBody
@@ -328,3 +331,40 @@ def test_names_are_text(made, tmp_path):
     compare_files([evil, out], page, str(folder), labels=["</script>", "b"])
     text = re.sub(r"<script.*?</script>", "", page.read_text(), flags=re.DOTALL)
     assert "<title>&lt;script&gt;alert(1)&lt;.csv</title>" in text
+
+
+def test_a_person_is_shown_beside_the_motion(made, tmp_path):
+    """Bones are between the person's joints, as large as the robot's root is high."""
+    folder, reference, _, _ = made
+    page = tmp_path / "beside.html"
+    main(["show", "dance", str(reference), "--robot", str(folder), "--out", str(page)])
+    data = read_data(page)
+    person, robot = data["runs"]
+    assert [person["label"], robot["label"]] == ["dance", reference.name]
+    performer, root = (
+        load_performer("dance"),
+        np.loadtxt(reference, delimiter=",")[:, :3],
+    )
+    places, hips = performer.positions, performer.positions["pelvis"]
+    scale = np.median(root[:, 2]) / np.median(hips[:, 2])
+    start = [*(root[0, :2] - scale * hips[0, :2]), 0.0]
+    poses = person["poses"].reshape(person["frames"], -1, 7)
+    assert person["frames"] == int(performer.duration * RATE) + 1
+    bones = [(a, b) for b, a in PARENTS.items() if {a, b} <= set(places)]
+    paths = data["robots"][person["robot"]]["paths"]
+    assert len(bones) == poses.shape[1] == len(paths)
+    for k in (0, 40, person["frames"] - 1):
+        at = round(k / RATE * performer.frame_rate)
+        for (a, b), pose in zip(bones, poses[k], strict=True):
+            middle = 0.5 * scale * (places[a][at] + places[b][at]) + start
+            np.testing.assert_allclose(pose[:3], middle, atol=1e-4)
+            along = Rotation.from_quat(pose[3:]).apply([0.0, 0.0, 1.0])
+            way = places[b][at] - places[a][at]
+            assert along @ way > 0.9999 * np.linalg.norm(way)
+
+
+def test_only_one_person_is_shown_beside_motions(made, capsys):
+    folder, reference, _, _ = made
+    files = ["dance", "boxing", str(reference)]
+    assert main(["show", *files, "--robot", str(folder)]) == 2
+    assert "beside one person" in capsys.readouterr().err

@@ -15,30 +15,25 @@ Everywhere a motion is one of:
 import difflib
 import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.formats.asf_amc import Clip, read_amc, read_asf
-from crar_drake.motion.formats.bvh import Bvh, read_bvh
-from crar_drake.motion.formats.c3d import Markers, read_c3d
-from crar_drake.motion.formats.mvnx import Mvnx, read_mvnx
-from crar_drake.motion.formats.point_arrays import PointArrays, read_point_arrays
-from crar_drake.motion.formats.smpl import (
-    SmplMotion,
-    holds_smpl,
-    read_smpl,
-    read_wham,
-)
+from crar_drake.motion.formats.bvh import read_bvh
+from crar_drake.motion.formats.c3d import read_c3d
+from crar_drake.motion.formats.mvnx import mvnx_performer
+from crar_drake.motion.formats.point_arrays import read_point_arrays
+from crar_drake.motion.formats.smpl import holds_smpl, smpl_performer, wham_performer
 from crar_drake.motion.formats.trc import read_trc
+from crar_drake.motion.marker_sets import choose_markers
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
 from crar_drake.motion.performers.bvh import bvh_performer
-from crar_drake.motion.performers.c3d import c3d_performer
-from crar_drake.motion.performers.mvnx import mvnx_performer
-from crar_drake.motion.performers.points import points_performer
-from crar_drake.motion.performers.smpl import smpl_performer
+from crar_drake.motion.performers.points import joints_performer, markers_performer
 from crar_drake.motion.robots_own import holds_reference
 from crar_drake.motion.text_files import refuse_pointer
 from crar_drake.resources import builtin_motions_folder
@@ -48,28 +43,34 @@ SEARCH_PATH_VARIABLE = "CRAR_MOCAP_PATH"
 DATABASE_URL = "http://mocap.cs.cmu.edu"
 
 
-def _read_npz(path: Path) -> PointArrays | SmplMotion:
-    return read_smpl(path) if holds_smpl(path) else read_point_arrays(path)
+Load = Callable[[Path, str, MotionOptions], Performer]
 
 
-# Suffix of a format other than AMC: its reader.
-_FORMATS = {
-    ".bvh": read_bvh,
-    ".c3d": read_c3d,
-    ".trc": read_trc,
-    ".mvnx": read_mvnx,
-    ".npz": _read_npz,
-    ".npy": read_point_arrays,
-    ".pkl": read_wham,
-    ".csv": read_point_arrays,
-}
-# What a reader gives: what makes the performer of it.
-_PERFORMERS = {
-    Bvh: bvh_performer,
-    Markers: c3d_performer,
-    Mvnx: mvnx_performer,
-    PointArrays: points_performer,
-    SmplMotion: smpl_performer,
+def _load_trc(path: Path, name: str, options: MotionOptions) -> Performer:
+    """Markers, if they are of a known set, else joint positions."""
+    points = read_trc(path)
+    try:
+        choose_markers(points.names, name)
+    except MotionError:
+        return joints_performer(points, name, options)
+    return markers_performer(points, name, options, format="TRC")
+
+
+def _of(read: Callable, performer: Callable[..., Performer]) -> Load:
+    """What makes the performer of what a reader reads."""
+    return lambda path, name, options: performer(read(path), name, options)
+
+
+# Suffix of a format other than AMC: path, name and options to the performer.
+_FORMATS: dict[str, Load] = {
+    ".bvh": _of(read_bvh, bvh_performer),
+    ".c3d": _of(read_c3d, partial(markers_performer, format="C3D")),
+    ".trc": _load_trc,
+    ".mvnx": mvnx_performer,
+    ".npz": _of(read_point_arrays, joints_performer),
+    ".npy": _of(read_point_arrays, joints_performer),
+    ".pkl": wham_performer,
+    ".csv": _of(read_point_arrays, joints_performer),
 }
 MOTION_SUFFIXES = (".amc", *_FORMATS)
 
@@ -105,12 +106,15 @@ def load_performer(
         options.refuse(("unit", "up", "facing", "joints"), f"motion {text} is an AMC")
         clip = load_clip(name, options.skeleton or None, frame_rate=options.frame_rate)
         return asf_amc_performer(clip)
-    held = _FORMATS[suffix](_existing_file(text, suffix, "motion"))
-    if options.skeleton and not isinstance(held, SmplMotion):
+    path = _existing_file(text, suffix, "motion")
+    load = _FORMATS[suffix]
+    if suffix == ".npz" and holds_smpl(path):
+        load = smpl_performer
+    if options.skeleton and load not in (smpl_performer, wham_performer):
         raise MotionError(
             f"motion {text} has its own skeleton; leave {options.skeleton} away"
         )
-    return _PERFORMERS[type(held)](held, text, options)
+    return load(path, text, options)
 
 
 def motion_files(

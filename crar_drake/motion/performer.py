@@ -7,6 +7,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from crar_drake.errors import MotionError
+
 T = TypeVar("T")
 Points = Mapping[str, np.ndarray]  # joint to (T, 3) positions, or (3,) of a rest pose
 
@@ -37,6 +39,19 @@ JOINTS = tuple(PARENTS)
 SIDES = ("left", "right")
 ARM = ("shoulder", "elbow", "wrist")
 LEG = ("hip", "knee", "ankle")
+
+# What robots call the points that they follow: all but one as the joints.
+JOINT_CENTRES = (
+    "waist",
+    "neck",
+    *(f"{side}_{joint}" for side in SIDES for joint in ARM),
+)
+
+
+def file_joint(name: str) -> str:
+    """The performer's joint that a name of JOINT_CENTRES stands for."""
+    return "pelvis" if name == "waist" else name
+
 
 # Where a fact comes from: what the user gave, what the file states, what was inferred
 # from its numbers, or what is assumed for want of anything better.
@@ -127,13 +142,24 @@ class Performer(Described, Sampled):
     # the identity as the skeleton stands at rest, where the file's rest pose is a
     # standing person, else see `facts`. Empty where the format has none.
     orientations: Mapping[str, np.ndarray] = field(default_factory=dict)
-    # "left_hand", "right_hand" to (T, 3, 3) R_WH, see `hand_orientations`
+    # "left_hand", "right_hand" to (T, 3, 3) R_WH, see `orientations`
     hands: Mapping[str, np.ndarray] = field(default_factory=dict)
     up: str = ""  # the file's axis that points up, e.g. "+y"; "" if it is W's
     facing: str = ""  # the file's axis that becomes W's x
     facts: tuple[Fact, ...] = ()  # what the file says, and what was inferred or assumed
     doubts: tuple[str, ...] = ()  # what is implausible, and what would explain it
     obstacle: str = ""  # why it cannot drive a robot, or ""
+
+    def centres(self) -> dict[str, np.ndarray]:
+        """Name of JOINT_CENTRES to (T, 3) p_WC [m].
+
+        Raises:
+            MotionError: the performer lacks joint centres of the upper body, or has no
+                legs to take the hip height from.
+        """
+        if self.obstacle:
+            raise MotionError(self.obstacle)
+        return {name: self.positions[file_joint(name)] for name in JOINT_CENTRES}
 
     def matches(self) -> Iterator[str]:
         """Yields "joint: what of the file", a line for each joint of JOINTS."""
@@ -154,22 +180,6 @@ def heading_of(R_WP: np.ndarray) -> np.ndarray:
     sine = R_WP[:, 1, 0] - R_WP[:, 0, 1]
     cosine = R_WP[:, 0, 0] + R_WP[:, 1, 1]
     return np.unwrap(np.arctan2(sine, cosine))
-
-
-def hung_on(part: T, parents: Mapping[T, T]) -> frozenset[T]:
-    """What a part hangs on, and what that does, and so on."""
-    found = []
-    while part in parents:
-        part = parents[part]
-        found.append(part)
-    return frozenset(found)
-
-
-def turning(R: np.ndarray) -> np.ndarray:
-    """The (T - 1,) angles between neighbours of (T, 3, 3) rotations [rad]."""
-    # trace(RᵀS) is the sum of the products of the elements.
-    trace = np.einsum("tij,tij->t", R[:-1], R[1:])
-    return np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
 
 
 def repeated(values: np.ndarray) -> np.ndarray:

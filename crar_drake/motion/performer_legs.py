@@ -9,8 +9,8 @@ from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import low_pass, unit_vectors
 from crar_drake.motion.held_feet import about_vertical, find_contacts, twist
 from crar_drake.motion.leg_shape import LegShape
+from crar_drake.motion.orientations import smooth_turns
 from crar_drake.motion.performer import LEG, SIDES, Performer
-from crar_drake.motion.turns import smooth_turns
 
 _FLAT_HEIGHT = 0.03  # [m] above its lowest, at most, that the ankle of a flat foot is
 _FLAT_SPEED = 0.25  # [m/s] of the ankle of a flat foot, at most

@@ -2,10 +2,10 @@
 
 import os
 import textwrap
+from collections.abc import Mapping
 
 import numpy as np
 
-from crar_drake.motion.joint_centres import JointCentres, joint_centres
 from crar_drake.motion.performer import PARENTS, Performer
 from crar_drake.motion.report import describe, inspect
 
@@ -25,7 +25,7 @@ def plot_motion(performer: Performer, path: str | os.PathLike[str]) -> None:
         MotionError: the motion has no joint centres.
         CrarError: there is no such format, or the file cannot be written.
     """
-    centres = joint_centres(performer)
+    centres = performer.centres()
     report = inspect(performer)
     # As long as all else of a motion takes to be imported.
     from matplotlib.figure import Figure
@@ -41,7 +41,7 @@ def plot_motion(performer: Performer, path: str | os.PathLike[str]) -> None:
         "\n".join([next(describe(report)), *textwrap.wrap(facts, _FACTS_WIDTH)]),
         fontsize="small",
     )
-    _draw_points(centres, heights, paths, speeds)
+    _draw_points(performer, centres, heights, paths, speeds)
     _draw_body(performer, body)
     flip_frames = sorted({flip.frame for flip in report.flips})
     jump_frames = sorted({jump.frame for jump in report.jumps})
@@ -52,7 +52,7 @@ def plot_motion(performer: Performer, path: str | os.PathLike[str]) -> None:
         ):
             for index, frame in enumerate(frames):
                 axes.axvline(
-                    (frame - 1) / centres.frame_rate,
+                    (frame - 1) / performer.frame_rate,
                     color=colour,
                     linewidth=0.6,
                     alpha=0.6,
@@ -72,20 +72,22 @@ def plot_motion(performer: Performer, path: str | os.PathLike[str]) -> None:
     save_figure(figure, path)
 
 
-def _draw_points(centres: JointCentres, heights, paths, speeds) -> None:
+def _draw_points(
+    performer: Performer, centres: Mapping[str, np.ndarray], heights, paths, speeds
+) -> None:
     colours = {"waist": "black", "neck": "tab:gray", "shoulder": "tab:purple"}
     colours |= {"elbow": "tab:green", "wrist": "tab:blue"}
-    for name, p_WC in centres.positions.items():
+    for name, p_WC in centres.items():
         style = {
             "color": colours[name.rpartition("_")[2]],
             "linestyle": "--" if name.startswith("right") else "-",
             "linewidth": 0.9,
             "label": name.replace("_", " "),
         }
-        heights.plot(centres.time, p_WC[:, 2], **style)
+        heights.plot(performer.time, p_WC[:, 2], **style)
         paths.plot(p_WC[:, 1], p_WC[:, 0], **style)
-        speed = np.linalg.norm(np.diff(p_WC, axis=0), axis=1) * centres.frame_rate
-        speeds.plot(centres.time[1:], speed, **style)
+        speed = np.linalg.norm(np.diff(p_WC, axis=0), axis=1) * performer.frame_rate
+        speeds.plot(performer.time[1:], speed, **style)
 
 
 def _draw_body(performer: Performer, axes) -> None:

@@ -7,9 +7,8 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, MIN_FRAMES, low_pass
-from crar_drake.motion.joint_centres import file_joint, joint_centres
 from crar_drake.motion.leaps import leaps
-from crar_drake.motion.performer import Performer
+from crar_drake.motion.performer import Performer, file_joint
 from crar_drake.motion.planted_feet import runs
 from crar_drake.motion.travel import pinned_pelvis
 
@@ -99,7 +98,7 @@ def inspect(performer: Performer) -> MotionReport:
     """Returns a report of the motion. Nothing that it finds is an error."""
     obstacle, points = performer.obstacle, {}
     try:
-        points = joint_centres(performer).positions
+        points = performer.centres()
     except MotionError as error:
         obstacle = str(error)
     steps = {name: _steps(samples) for name, samples in points.items()}

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError, MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass, spline
-from crar_drake.motion.joint_centres import JointCentres
-from crar_drake.motion.performer import Sampled
+from crar_drake.motion.performer import Performer, Sampled
 
 # Below this a segment has no direction worth keeping.
 _SHORTEST_SEGMENT = 1e-3  # [m]
@@ -105,7 +104,7 @@ class RetargetedMotion(Sampled):
 
 
 def retarget(
-    centres: JointCentres,
+    performer: Performer,
     lengths: SegmentLengths,
     *,
     cutoff: float = DEFAULT_CUTOFF,
@@ -121,31 +120,31 @@ def retarget(
         cutoff: of the zero-phase low-pass [Hz].
 
     Raises:
-        MotionError: the motion is too short, the cutoff too high, or two joint
-            centres coincide, so that a segment has no direction.
+        MotionError: as of `Performer.centres`; or the motion is too short, the cutoff
+            too high, or two joint centres coincide, so that a segment has no direction.
     """
+    name, rate, raw = performer.name, performer.frame_rate, performer.centres()
     try:
         smooth = {
-            name: low_pass(samples, centres.frame_rate, cutoff)
-            for name, samples in centres.positions.items()
+            centre: low_pass(samples, rate, cutoff) for centre, samples in raw.items()
         }
-        heading = low_pass(centres.heading, centres.frame_rate, cutoff)
+        heading = low_pass(performer.heading, rate, cutoff)
     except MotionError as error:
-        raise MotionError(f"motion {centres.name}: {error}") from error
+        raise MotionError(f"motion {name}: {error}") from error
 
-    waist = smooth["waist"] * (lengths.waist_height / centres.hip_height)
+    waist = smooth["waist"] * (lengths.waist_height / performer.hip_height)
     waist[:, :2] -= waist[0, :2].copy()
     positions = {"waist": waist}
     for start, end, field in SEGMENTS:
-        _check_segment(centres, centres.positions, start, end)
-        norm = _check_segment(centres, smooth, start, end)
+        _check_segment(name, raw, start, end)
+        norm = _check_segment(name, smooth, start, end)
         direction = (smooth[end] - smooth[start]) / norm[:, None]
         positions[end] = positions[start] + getattr(lengths, field) * direction
-    return RetargetedMotion(centres.name, centres.frame_rate, positions, heading)
+    return RetargetedMotion(name, rate, positions, heading)
 
 
 def _check_segment(
-    centres: JointCentres, positions: dict[str, np.ndarray], start: str, end: str
+    motion: str, positions: dict[str, np.ndarray], start: str, end: str
 ) -> np.ndarray:
     """Returns the segment's (T,) lengths [m], none of them nearly zero."""
     norm = np.linalg.norm(positions[end] - positions[start], axis=1)
@@ -153,7 +152,7 @@ def _check_segment(
     # Written so that a NaN fails, too.
     if not norm[frame] >= _SHORTEST_SEGMENT:
         raise MotionError(
-            f"motion {centres.name}: {start} and {end} coincide in frame {frame + 1}, "
+            f"motion {motion}: {start} and {end} coincide in frame {frame + 1}, "
             f"so the segment has no direction to keep; check the skeleton's lengths"
         )
     return norm

@@ -1,4 +1,4 @@
-"""The skeletons of the body models SMPL and SMPL-X in the mean, and where they move.
+"""The skeletons of the body models SMPL and SMPL-X in the mean.
 
 The models themselves (smpl.is.tue.mpg.de, smpl-x.is.tue.mpg.de) may be used for
 research alone, after registration, and are no part of this project. Here are numbers of
@@ -14,7 +14,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from crar_drake.motion.point_layouts import LAYOUTS
 
@@ -82,29 +81,3 @@ def offsets_of(joints: np.ndarray) -> np.ndarray:
     """(22, 3) offsets from the parents, of the first 22 joints at rest (J, 3)."""
     first = joints[: len(NAMES)]
     return first - np.vstack([np.zeros(3), first[list(PARENTS[1:])]])
-
-
-def smpl_kinematics(
-    turns: np.ndarray, root: np.ndarray, offsets: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where the joints are.
-
-    Args:
-        turns: (T, 22, 3) of each joint against its parent, axis times angle [rad]; of
-            the pelvis in the file's axes F.
-        root: (T, 3) translation of the model [m]. The pelvis turns about itself: it is
-            at the translation and its offset, which does not turn.
-        offsets: (22, 3) of the joints [m].
-
-    Returns:
-        (T, 22, 3) p_FJ [m], (T, 22, 3, 3) R_FJ, and the same of each joint against its
-        parent.
-    """
-    local = Rotation.from_rotvec(turns.reshape(-1, 3)).as_matrix()
-    local = local.reshape(*turns.shape[:2], 3, 3)
-    p, R = np.empty_like(turns), np.empty_like(local)
-    p[:, 0], R[:, 0] = root + offsets[0], local[:, 0]
-    for i, parent in list(enumerate(PARENTS))[1:]:
-        p[:, i] = p[:, parent] + R[:, parent] @ offsets[i]
-        R[:, i] = R[:, parent] @ local[:, i]
-    return p, R, local

@@ -1,8 +1,11 @@
 """Text of motion files, whatever program wrote it."""
 
+import math
 import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NoReturn
 
 from crar_drake.errors import MotionError
 
@@ -10,6 +13,9 @@ _MARKS = {b"\xff\xfe\x00\x00": "utf-32", b"\x00\x00\xfe\xff": "utf-32"} | {
     b"\xff\xfe": "utf-16",
     b"\xfe\xff": "utf-16",
 }
+
+_LARGEST = 1e9  # of a number in any unit or in degrees: more was never measured
+_DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+")
 
 _POINTER = b"version https://git-lfs.github.com/spec/"
 
@@ -36,6 +42,61 @@ def read_motion_text(path: str | os.PathLike[str]) -> str:
         ) from error
     text = _decoded(data).replace("\r\n", "\n").replace("\r", "\n")
     return _OBEYED.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+class NumberedLines:
+    """The lines of a text file as words, and errors that name file and line.
+
+    Attributes:
+        number: of the line that was read last, from 1; 0 in an empty file.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], comment: str = "\n") -> None:
+        """
+        Args:
+            comment: what begins one, up to the end of its line.
+
+        Raises:
+            MotionError: as of `read_motion_text`.
+        """
+        self.path, self.number, self._comment = Path(path), 0, comment
+        # Unlike `splitlines`, as editors count them.
+        self._lines = iter(read_motion_text(path).removesuffix("\n").split("\n"))
+
+    def __iter__(self) -> Iterator[list[str]]:
+        """The words of each further line that has any."""
+        for line in self._lines:
+            self.number += 1
+            if words := line.partition(self._comment)[0].split():
+                yield words
+
+    def fail(self, message: str, number: int | None = None) -> NoReturn:
+        """Raises MotionError, of the line that was read last or of another."""
+        number = self.number if number is None else number
+        raise MotionError(f"{self.path}{f':{number}' * bool(number)}: {message}")
+
+    def numbers(self, words: list[str], number: int | None = None) -> list[float]:
+        """The words as finite numbers; fails, of the line as of `fail`, if one is none
+        or beyond all that is measured."""
+        try:
+            values = list(map(float, words))
+            # Quick; written so that a NaN fails, too.
+            if sum(map(abs, values)) <= _LARGEST:
+                return values
+        except ValueError:
+            pass
+        for word in words:
+            try:
+                value = float(word)
+            except ValueError:
+                comma = _DECIMAL_COMMA.fullmatch(word)
+                hint = "; write a point for the decimal comma" if comma else ""
+                self.fail(f"expected a number, found {shown(word)}{hint}", number)
+            if not math.isfinite(value):
+                self.fail(f"{word} is not a finite number; repair the file", number)
+            if abs(value) > _LARGEST:
+                self.fail(f"{shown(word)} is no measurement; repair the file", number)
+        return values
 
 
 def refuse_pointer(path: str | os.PathLike[str]) -> None:

@@ -11,10 +11,9 @@ from pydrake.trajectories import BsplineTrajectory
 from crar_drake.errors import ScenarioError
 from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.conditioning import spline
-from crar_drake.motion.hand_orientations import HANDS, smooth_hands
-from crar_drake.motion.joint_centres import JOINT_CENTRES, joint_centres
 from crar_drake.motion.options import MotionOptions
-from crar_drake.motion.performer import Performer
+from crar_drake.motion.orientations import HANDS, smooth_hands
+from crar_drake.motion.performer import JOINT_CENTRES, Performer
 from crar_drake.motion.quaternion_spline import QuaternionSpline
 from crar_drake.motion.retarget import (
     SEGMENTS,
@@ -108,7 +107,7 @@ def load_motion_targets(
     # A run's report alone is left to be made of it, which needs none of these.
     for_report = replace(performer, orientations={}, hands={})
     lengths = segment_lengths(model)
-    retargeted = retarget(joint_centres(performer), lengths, cutoff=cutoff)
+    retargeted = retarget(performer, lengths, cutoff=cutoff)
     if model.description.stands:
         retargeted = retargeted.standing_at(_waist_at_rest(model))
     tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, cutoff)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crar_drake.motion.formats.asf_amc import Clip, forward_kinematics
+from crar_drake.motion.formats.asf_amc import Clip, clip_tree
 
 # A joint of the file: (its bone of the ASF, at whose start it is; its parent).
 TREE = {
@@ -151,7 +151,9 @@ class Convention:
 
 def bvh_text(clip: Clip, convention: Convention) -> str:
     """The clip as a BVH."""
-    poses = forward_kinematics(clip)
+    tree = clip_tree(clip)
+    p_W = dict(zip(tree.names, tree.positions, strict=True))
+    R_W = dict(zip(tree.names, tree.rotations, strict=True))
     A = AXES[convention.axes]
     names = NAMES[convention.names]
     children = {
@@ -203,12 +205,12 @@ def bvh_text(clip: Clip, convention: Convention) -> str:
     columns = []
     for joint in order:
         bone, parent = TREE[joint]
-        R_FJ = A @ poses.rotation[bone] @ Q[joint] @ A.T
-        p = poses.start[bone] @ A.T
+        R_FJ = A @ R_W[bone] @ Q[joint] @ A.T
+        p = p_W[bone] @ A.T
         if parent:
             parent_bone = TREE[parent][0]
-            R_FP = A @ poses.rotation[parent_bone] @ Q[parent] @ A.T
-            p = np.einsum("tji,tj->ti", R_FP, p - poses.start[parent_bone] @ A.T)
+            R_FP = A @ R_W[parent_bone] @ Q[parent] @ A.T
+            p = np.einsum("tji,tj->ti", R_FP, p - p_W[parent_bone] @ A.T)
             R_FJ = np.swapaxes(R_FP, 1, 2) @ R_FJ
         if not parent or convention.all_positions:
             columns.append(p / convention.unit)

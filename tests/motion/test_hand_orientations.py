@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.motion.catalogue import load_clip, load_performer
 from crar_drake.motion.formats.asf_amc import Clip
-from crar_drake.motion.hand_orientations import HANDS, hand_orientations, smooth_hands
+from crar_drake.motion.orientations import HANDS, smooth_hands
 from crar_drake.motion.performers.asf_amc import asf_amc_performer, robot_frame
 
 SIDES = {"left_hand": "l", "right_hand": "r"}
@@ -43,7 +43,7 @@ def test_they_are_those_of_the_bone_chain(motion, hand, request):
     if motion.startswith("cmu"):
         request.getfixturevalue("cmu")
     clip = load_clip(motion)
-    R_WH = hand_orientations(asf_amc_performer(clip))[hand]
+    R_WH = asf_amc_performer(clip).hands[hand]
     bone = SIDES[hand] + "wrist"
     R = chained(clip, bone)
     x = clip.skeleton.bones[bone].direction
@@ -62,7 +62,7 @@ def test_at_rest_palms_face_down():
         root_rotation=np.zeros((clip.num_frames, 3)),
         joints={bone: 0.0 * values for bone, values in clip.joints.items()},
     )
-    rotations = hand_orientations(asf_amc_performer(still))
+    rotations = asf_amc_performer(still).hands
     x, y, z = np.eye(3)
     left, right = rotations["left_hand"][0], rotations["right_hand"][0]
     np.testing.assert_allclose(left, np.stack([y, z, x], axis=1), atol=1e-9)
@@ -77,7 +77,7 @@ def test_missing_hands_are_named():
     skeleton = dataclasses.replace(clip.skeleton, bones=bones)
     bare = dataclasses.replace(clip, skeleton=skeleton)
     with pytest.raises(MotionError, match="lwrist, rwrist"):
-        hand_orientations(asf_amc_performer(bare))
+        smooth_hands(asf_amc_performer(bare))
 
 
 def turning(rate: float, num_frames: int) -> Rotation:
@@ -113,7 +113,7 @@ def test_refused_filters():
 def test_thumb_sides_are_those_of_the_markers(cmu, hand):
     """Markers WRA and WRB sit at the thumb's and the other side of the wrist."""
     folder = cmu / "subjects" / "135"
-    R_WH = hand_orientations(load_performer("cmu:135_02"))[hand]
+    R_WH = load_performer("cmu:135_02").hands[hand]
     c3d = ezc3d.c3d(str(folder / "135_02.c3d"))
     labels = [
         label.rpartition(":")[2]

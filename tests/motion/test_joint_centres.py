@@ -10,20 +10,13 @@ from crar_drake.motion.formats.asf_amc import (
     Bone,
     Clip,
     Skeleton,
-    forward_kinematics,
+    bone_end,
+    clip_tree,
     read_amc,
     read_asf,
 )
-from crar_drake.motion.joint_centres import (
-    JOINT_CENTRES,
-    JointCentres,
-    joint_centres as centres_of,
-)
+from crar_drake.motion.performer import JOINT_CENTRES, Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer, robot_frame
-
-
-def joint_centres(clip: Clip) -> JointCentres:
-    return centres_of(asf_amc_performer(clip))
 
 
 def _skeleton(*, leave_out: tuple[str, ...] = ()) -> Skeleton:
@@ -78,10 +71,10 @@ def test_a_pelvis_is_not_between_the_hips(motion, request) -> None:
 
 
 def test_rest_pose_in_the_robot_frame() -> None:
-    centres = joint_centres(_clip(np.zeros((4, 3))))
-    assert tuple(centres.positions) == JOINT_CENTRES
-    assert centres.hip_height == pytest.approx(0.9)
-    np.testing.assert_allclose(centres.time, [0.0, 0.01, 0.02, 0.03])
+    person = asf_amc_performer(_clip(np.zeros((4, 3))))
+    assert tuple(person.centres()) == JOINT_CENTRES
+    assert person.hip_height == pytest.approx(0.9)
+    np.testing.assert_allclose(person.time, [0.0, 0.01, 0.02, 0.03])
     expected = {  # x forward, y left, z up
         "waist": (2.0, 0.3, 1.0),
         "neck": (2.0, 0.3, 1.5),
@@ -93,16 +86,16 @@ def test_rest_pose_in_the_robot_frame() -> None:
         "right_wrist": (2.0, -0.45, 1.5),
     }
     for name, p_WC in expected.items():
-        np.testing.assert_allclose(centres.positions[name][3], p_WC, atol=1e-12)
+        np.testing.assert_allclose(person.centres()[name][3], p_WC, atol=1e-12)
 
 
 def test_heading_follows_turns_beyond_half_a_turn() -> None:
     yaw = np.linspace(0.2, 14.0, 60)
     still = np.zeros_like(yaw)
-    centres = joint_centres(_clip(np.stack([still, yaw, still], axis=1)))
-    np.testing.assert_allclose(centres.heading, yaw, atol=1e-12)
+    person = asf_amc_performer(_clip(np.stack([still, yaw, still], axis=1)))
+    np.testing.assert_allclose(person.heading, yaw, atol=1e-12)
     # A positive heading turns the left arm backwards, as about z upwards.
-    p_WE, p_WS = centres.positions["left_elbow"], centres.positions["left_shoulder"]
+    p_WE, p_WS = person.positions["left_elbow"], person.positions["left_shoulder"]
     arm = np.stack([-np.sin(yaw), np.cos(yaw), still], axis=1)
     np.testing.assert_allclose(p_WE - p_WS, 0.3 * arm, atol=1e-12)
 
@@ -112,20 +105,20 @@ def test_heading_survives_bending_over() -> None:
     bend = np.linspace(0.0, 1.9, 50)  # beyond 90 degrees
     yaw = np.full_like(bend, 0.8)
     # Rz Ry Rx of the file: first the bend about the left, then the yaw about up.
-    centres = joint_centres(_clip(np.stack([bend, yaw, 0 * bend], axis=1)))
-    np.testing.assert_allclose(centres.heading, 0.8, atol=1e-12)
+    person = asf_amc_performer(_clip(np.stack([bend, yaw, 0 * bend], axis=1)))
+    np.testing.assert_allclose(person.heading, 0.8, atol=1e-12)
 
 
 def test_missing_bones_are_named() -> None:
     skeleton = _skeleton(leave_out=("lwrist", "rradius", "rwrist"))
     with pytest.raises(MotionError, match="turn.*straight.*lwrist, rradius, rwrist"):
-        joint_centres(_clip(np.zeros((3, 3)), skeleton))
+        asf_amc_performer(_clip(np.zeros((3, 3)), skeleton)).centres()
 
 
 def test_skeleton_without_legs() -> None:
     skeleton = _skeleton(leave_out=("leg",))
     with pytest.raises(MotionError, match="legs"):
-        joint_centres(_clip(np.zeros((3, 3)), skeleton))
+        asf_amc_performer(_clip(np.zeros((3, 3)), skeleton)).centres()
 
 
 # --- against 135_02.c3d -----------------------------------------------------------
@@ -138,8 +131,8 @@ def karate(cmu) -> Clip:
 
 
 @pytest.fixture(scope="module")
-def centres(karate) -> JointCentres:
-    return joint_centres(karate)
+def person(karate) -> Performer:
+    return asf_amc_performer(karate)
 
 
 @pytest.fixture(scope="module")
@@ -182,20 +175,20 @@ def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     ],
 )
 def test_markers_stay_where_they_were_stuck(
-    centres, markers, centre, names, median, spread
+    person, markers, centre, names, median, spread
 ) -> None:
     marker = np.mean([markers[name] for name in names], axis=0)
-    distance = _distances(marker, centres.positions[centre])
+    distance = _distances(marker, person.centres()[centre])
     assert np.median(distance) < median
     assert np.std(distance) < spread
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_forearms_point_along_their_markers(centres, markers, side) -> None:
+def test_forearms_point_along_their_markers(person, markers, side) -> None:
     """What scaling keeps: the direction from elbow to wrist."""
     s = side[0].upper()
     marker = (markers[f"{s}WRA"] + markers[f"{s}WRB"]) / 2 - markers[f"{s}ELB"]
-    ours = centres.positions[f"{side}_wrist"] - centres.positions[f"{side}_elbow"]
+    ours = person.positions[f"{side}_wrist"] - person.positions[f"{side}_elbow"]
     marker /= np.linalg.norm(marker, axis=1, keepdims=True)
     ours /= np.linalg.norm(ours, axis=1, keepdims=True)
     angle = np.degrees(np.arccos(np.clip(np.sum(marker * ours, axis=1), -1, 1)))
@@ -206,8 +199,8 @@ def test_forearms_point_along_their_markers(centres, markers, side) -> None:
 @pytest.mark.parametrize("side", ["L", "R"])
 def test_ankles_agree_to_millimetres(karate, markers, side) -> None:
     """The legs are fitted tightly: scale, axes and timing are all proved here."""
-    poses = forward_kinematics(karate)
-    ankle = robot_frame(poses.end[f"{side.lower()}tibia"])
+    bone = f"{side.lower()}tibia"
+    ankle = robot_frame(bone_end(karate.skeleton, clip_tree(karate), bone))
     distance = _distances(markers[f"{side}ANK"], ankle)
     assert 0.04 < np.median(distance) < 0.06
     assert np.std(distance) < 0.002
@@ -216,6 +209,6 @@ def test_ankles_agree_to_millimetres(karate, markers, side) -> None:
 def test_pirouette_turns_the_hips_once(cmu) -> None:
     folder = cmu / "subjects" / "05"
     clip = read_amc(folder / "05_02.amc", read_asf(folder / "05.asf"))
-    heading = np.degrees(joint_centres(clip).heading)
+    heading = np.degrees(asf_amc_performer(clip).heading)
     turn = heading[180:] - heading[:-180]  # within 1.5 s
     assert np.abs(turn).max() == pytest.approx(350.0, abs=10.0)

@@ -9,8 +9,6 @@ import pytest
 from crar_drake.errors import MotionError
 from crar_drake.motion.catalogue import load_clip, load_performer
 from crar_drake.motion.gaps import fill_gaps
-from crar_drake.motion.hand_orientations import hand_orientations
-from crar_drake.motion.joint_centres import joint_centres
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
@@ -94,11 +92,11 @@ def test_centres_are_those_of_the_regressions(tmp_path) -> None:
     assert p["left_elbow"][1] == pytest.approx(0.22 - 0.041, abs=0.003)
     np.testing.assert_allclose(performer.heading, 0.0, atol=1e-9)
     # Thumbs up, palms facing each other would be z; here the thumb's side is inwards.
-    R_WH = hand_orientations(performer)["left_hand"][0]
+    R_WH = performer.hands["left_hand"][0]
     np.testing.assert_allclose(R_WH[:, 0], [1.0, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(R_WH[:, 2], [0.0, -1.0, 0.0], atol=1e-9)
     assert performer.frame_rate == RATE and performer.up == "+z"
-    assert joint_centres(performer).hip_height == pytest.approx(1.0, abs=0.08)
+    assert performer.hip_height == pytest.approx(1.0, abs=0.08)
 
 
 def test_prefixes_other_subjects_and_strange_points_do_not_matter(tmp_path) -> None:

@@ -12,8 +12,6 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.motion.catalogue import load_clip, load_performer
 from crar_drake.motion.formats.asf_amc import Clip
-from crar_drake.motion.hand_orientations import hand_orientations
-from crar_drake.motion.joint_centres import joint_centres
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
@@ -70,8 +68,8 @@ CONVENTIONS = {
 def test_every_convention_gives_the_same_targets(case, clip, plain, tmp_path) -> None:
     convention = CONVENTIONS[case]
     performer = performed(tmp_path, bvh_text(clip, convention))
-    expected = retarget(joint_centres(plain), LENGTHS)
-    targets = retarget(joint_centres(performer), LENGTHS)
+    expected = retarget(plain, LENGTHS)
+    targets = retarget(performer, LENGTHS)
     for name, p_WC in expected.positions.items():
         np.testing.assert_allclose(targets.positions[name], p_WC, atol=1e-6)
     np.testing.assert_allclose(targets.heading, expected.heading, atol=1e-6)
@@ -90,9 +88,8 @@ def test_joint_centres_are_those_of_the_amc(clip, plain) -> None:
             plain.orientations[joint], truth.orientations[joint], atol=1e-7
         )
     np.testing.assert_allclose(plain.heading, truth.heading, atol=1e-8)
-    ours, theirs = hand_orientations(plain), hand_orientations(truth)
-    for hand, R_WH in theirs.items():
-        np.testing.assert_allclose(ours[hand], R_WH, atol=1e-7)
+    for hand, R_WH in truth.hands.items():
+        np.testing.assert_allclose(plain.hands[hand], R_WH, atol=1e-7)
 
 
 def test_what_was_inferred_is_said(plain) -> None:

@@ -9,12 +9,11 @@ import pytest
 from crar_drake.errors import MotionError
 from crar_drake.motion.catalogue import load_clip, load_performer
 from crar_drake.motion.formats.point_arrays import read_point_arrays
-from crar_drake.motion.hand_orientations import hand_orientations
 from crar_drake.motion.options import MotionOptions
+from crar_drake.motion.orientations import hip_turns, smooth_hands
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
 from crar_drake.motion.point_layouts import LAYOUTS
-from crar_drake.motion.turns import hip_turns
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +70,7 @@ def test_layouts_by_names_and_by_number(layout, named, truth, tmp_path) -> None:
     # By hips and trunk alone the pelvis's heading is that of the fitted one nearly.
     np.testing.assert_allclose(performer.heading, truth.heading, atol=0.35)
     with pytest.raises(MotionError, match="how a hand is turned"):
-        hand_orientations(performer)
+        smooth_hands(performer)
 
 
 def test_a_camera_in_mm_whose_origin_is_the_pelvis(truth, tmp_path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from crar_drake.errors import ModelError, MotionError
-from crar_drake.motion.joint_centres import JOINT_CENTRES, JointCentres
+from crar_drake.motion.performer import JOINT_CENTRES, Performer, file_joint
 from crar_drake.motion.retarget import SegmentLengths, retarget
 
 LENGTHS = SegmentLengths(
@@ -32,7 +32,7 @@ SEGMENTS = [
 
 
 @pytest.fixture
-def centres() -> JointCentres:
+def person() -> Performer:
     """Slow (1 Hz and less), so that the default low-pass leaves it alone."""
     rng = np.random.default_rng(3)
     time = np.arange(600) / 120.0
@@ -50,18 +50,27 @@ def centres() -> JointCentres:
     for name in JOINT_CENTRES:
         phase = rng.uniform(0.0, 6.0, 3)
         wave = np.sin(2.0 * np.pi * np.outer(time, rng.uniform(0.3, 1.0, 3)) + phase)
-        positions[name] = rest[name] + 0.03 * wave
+        positions[file_joint(name)] = rest[name] + 0.03 * wave
     heading = 0.5 * np.sin(2.0 * np.pi * 0.5 * time)
-    return JointCentres("waves", 120.0, positions, heading, hip_height=0.9)
+    return Performer(
+        name="waves",
+        format="none",
+        frame_rate=120.0,
+        rate_source="given",
+        positions=positions,
+        heading=heading,
+        hip_height=0.9,
+        height=1.7,
+    )
 
 
-def test_lengths_are_exact_and_directions_kept(centres: JointCentres) -> None:
-    motion = retarget(centres, LENGTHS)
+def test_lengths_are_exact_and_directions_kept(person: Performer) -> None:
+    motion = retarget(person, LENGTHS)
     middle = slice(60, -60)  # the filter's ends aside
     for start, end, length in SEGMENTS:
         segment = motion.positions[end] - motion.positions[start]
         np.testing.assert_allclose(np.linalg.norm(segment, axis=1), length, rtol=1e-12)
-        raw = centres.positions[end] - centres.positions[start]
+        raw = person.centres()[end] - person.centres()[start]
         raw /= np.linalg.norm(raw, axis=1, keepdims=True)
         np.testing.assert_allclose(
             segment[middle] / length, raw[middle], atol=1e-4, rtol=0
@@ -69,11 +78,11 @@ def test_lengths_are_exact_and_directions_kept(centres: JointCentres) -> None:
 
 
 def test_waist_is_scaled_by_hip_height_and_starts_above_the_origin(
-    centres: JointCentres,
+    person: Performer,
 ) -> None:
-    waist = retarget(centres, LENGTHS).positions["waist"]
+    waist = retarget(person, LENGTHS).positions["waist"]
     np.testing.assert_allclose(waist[0, :2], 0.0, atol=0)
-    raw = centres.positions["waist"]
+    raw = person.positions["pelvis"]
     middle = slice(60, -60)
     ratio = 0.6 / 0.9
     np.testing.assert_allclose(waist[middle, 2], ratio * raw[middle, 2], atol=1e-5)
@@ -81,12 +90,12 @@ def test_waist_is_scaled_by_hip_height_and_starts_above_the_origin(
     np.testing.assert_allclose(travel, ratio * raw_travel, atol=1e-5)
 
 
-def test_noise_is_filtered_away(centres: JointCentres) -> None:
-    clean = retarget(centres, LENGTHS)
+def test_noise_is_filtered_away(person: Performer) -> None:
+    clean = retarget(person, LENGTHS)
     hum = 0.002 * np.sin(2.0 * np.pi * 40.0 * np.arange(600) / 120.0)[:, None]
     noisy = dataclasses.replace(
-        centres,
-        positions={name: p + hum for name, p in centres.positions.items()},
+        person,
+        positions={name: p + hum for name, p in person.positions.items()},
     )
     middle = slice(60, -60)
     for name, samples in retarget(noisy, LENGTHS).positions.items():
@@ -97,8 +106,8 @@ def test_noise_is_filtered_away(centres: JointCentres) -> None:
         )
 
 
-def test_trajectory_stacks_three_rows_a_name(centres: JointCentres) -> None:
-    motion = retarget(centres, LENGTHS)
+def test_trajectory_stacks_three_rows_a_name(person: Performer) -> None:
+    motion = retarget(person, LENGTHS)
     trajectory = motion.trajectory(["right_wrist", "neck"])
     assert (trajectory.rows(), trajectory.cols()) == (6, 1)
     assert trajectory.start_time() == 0.0
@@ -117,34 +126,34 @@ def test_trajectory_stacks_three_rows_a_name(centres: JointCentres) -> None:
     )
 
 
-def test_unknown_joint_centre(centres: JointCentres) -> None:
-    motion = retarget(centres, LENGTHS)
+def test_unknown_joint_centre(person: Performer) -> None:
+    motion = retarget(person, LENGTHS)
     with pytest.raises(MotionError, match="left_knee.*left_wrist"):
         motion.trajectory(["neck", "left_knee"])
     with pytest.raises(MotionError, match="no joint centre"):
         motion.trajectory([])
 
 
-def test_segment_without_length_is_refused(centres: JointCentres) -> None:
-    positions = dict(centres.positions)
+def test_segment_without_length_is_refused(person: Performer) -> None:
+    positions = dict(person.positions)
     elbow = positions["left_elbow"].copy()
     elbow[41] = positions["left_shoulder"][41]
     positions["left_elbow"] = elbow
-    bad = dataclasses.replace(centres, positions=positions)
+    bad = dataclasses.replace(person, positions=positions)
     with pytest.raises(MotionError, match="waves.*left_shoulder.*left_elbow.*frame 42"):
         retarget(bad, LENGTHS)
 
 
-def test_too_short_or_too_slow_names_the_motion(centres: JointCentres) -> None:
+def test_too_short_or_too_slow_names_the_motion(person: Performer) -> None:
     short = dataclasses.replace(
-        centres,
-        positions={name: p[:2] for name, p in centres.positions.items()},
-        heading=centres.heading[:2],
+        person,
+        positions={name: p[:2] for name, p in person.positions.items()},
+        heading=person.heading[:2],
     )
     with pytest.raises(MotionError, match="waves.*too few"):
         retarget(short, LENGTHS)
     with pytest.raises(MotionError, match="waves.*60 Hz"):
-        retarget(centres, LENGTHS, cutoff=70.0)
+        retarget(person, LENGTHS, cutoff=70.0)
 
 
 @pytest.mark.parametrize("value", [0.0, -0.1, float("nan"), float("inf")])

@@ -11,8 +11,6 @@ from small_robots import add_plant
 
 from crar_drake.errors import ScenarioError
 from crar_drake.motion.catalogue import load_performer
-from crar_drake.motion.hand_orientations import hand_orientations
-from crar_drake.motion.joint_centres import joint_centres
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, position_tasks
@@ -94,13 +92,14 @@ def with_hands() -> ControlModel:
 def test_waist_and_heading_are_the_performers(model):
     """At every time the robot's waist is where the motion's is, and as turned."""
     motion = load_motion_targets("dance", model)
-    centres = joint_centres(load_performer("dance"))
-    scale = segment_lengths(model).waist_height / centres.hip_height
+    dancer = load_performer("dance")
+    p_waist = dancer.positions["pelvis"]
+    scale = segment_lengths(model).waist_height / dancer.hip_height
     context = model.plant.CreateDefaultContext()
     waist = model.plant.GetFrameByName("waist")
     names = list(model.description.prescribed_joints)
-    for frame in range(0, centres.num_frames, 97):
-        time = frame / centres.frame_rate
+    for frame in range(0, dancer.num_frames, 97):
+        time = frame / dancer.frame_rate
         if time > motion.duration:
             break
         q = motion.prescribed_at(time)
@@ -109,13 +108,13 @@ def test_waist_and_heading_are_the_performers(model):
             whole[model.plant.GetJointByName(name).position_start()] = value
         model.plant.SetPositions(context, whole)
         X = waist.CalcPoseInWorld(context)
-        expected = centres.positions["waist"][frame] * scale
-        expected[:2] -= centres.positions["waist"][0, :2] * scale
+        expected = p_waist[frame] * scale
+        expected[:2] -= p_waist[0, :2] * scale
         # The low-pass moves a fast dancer by a few millimetres.
         np.testing.assert_allclose(X.translation(), expected, atol=0.02)
-        turned = X.rotation().ToRollPitchYaw().yaw_angle() - centres.heading[frame]
+        turned = X.rotation().ToRollPitchYaw().yaw_angle() - dancer.heading[frame]
         assert abs(np.angle(np.exp(1j * turned))) < 0.05
-    assert np.ptp(centres.heading) > np.pi  # it does turn
+    assert np.ptp(dancer.heading) > np.pi  # it does turn
 
 
 def test_the_heading_is_followed_beyond_a_full_turn(model):
@@ -136,7 +135,7 @@ def test_hands_are_turned_as_the_performers(with_hands):
     scenario = Scenario(motion="dance", tasks=HAND_TASKS)
     motion = load_desired_motion(scenario, with_hands)
     performer = load_performer("dance")
-    R_WH = hand_orientations(performer)["left_hand"]
+    R_WH = performer.hands["left_hand"]
     wrist = load_motion_targets("dance", trunk(position_tasks(["left_wrist"])))
     source = motion.MakeTaskSource()
     context = source.CreateDefaultContext()

@@ -9,8 +9,8 @@ from small_walker import walker
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.catalogue import load_performer
+from crar_drake.motion.orientations import hip_turns
 from crar_drake.motion.performer import Performer
-from crar_drake.motion.turns import hip_turns
 from crar_drake.trajectory.performer_targets import performer_targets
 from crar_drake.trajectory.retargeting import Retargeter, RetargetingParameters
 

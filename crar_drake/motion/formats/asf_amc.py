@@ -6,19 +6,17 @@ y up. Angles are never clamped to the skeleton's limits: real files exceed them,
 and exceed a full turn as well.
 """
 
-import io
 import math
 import os
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
 
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.text_files import read_motion_text, shown
+from crar_drake.motion.segment_tree import SegmentTree, tree_of_turns
+from crar_drake.motion.text_files import NumberedLines, shown
 
 INCH = 0.0254  # [m]
 CMU_LENGTH = 0.45  # the `length` of every CMU skeleton [file units per inch]
@@ -90,66 +88,7 @@ class Clip:
         return (self.num_frames - 1) / self.frame_rate
 
 
-@dataclass(frozen=True)
-class BonePoses:
-    """Where every bone is, in the file's y-up world W.
-
-    Each dict has an entry per bone of the skeleton, and "root", whose start and
-    end are both the root's position.
-    """
-
-    start: dict[str, np.ndarray]  # bone name to (T, 3) p_WS of its start [m]
-    end: dict[str, np.ndarray]  # bone name to (T, 3) p_WE of its end [m]
-    rotation: dict[str, np.ndarray]  # bone name to (T, 3, 3) R_WB, the identity at rest
-
-
 # --- reading ----------------------------------------------------------------------
-
-
-class _Lines:
-    """The lines of a text file without comments and blanks, with their numbers."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.number = 0
-
-    def __iter__(self) -> Iterator[list[str]]:
-        """Yields each line's words."""
-        # Unlike `splitlines`, as editors count them.
-        for line in io.StringIO(read_motion_text(self.path)):
-            self.number += 1
-            words = line.partition("#")[0].split()
-            if words:
-                yield words
-
-    def fail(self, message: str) -> NoReturn:
-        line = f":{self.number}" if self.number else ""  # an empty file has none
-        raise MotionError(f"{self.path}{line}: {message}")
-
-    def numbers(self, words: list[str]) -> list[float]:
-        """Returns the words as finite numbers."""
-        try:
-            values = [float(word := each) for each in words]
-        except ValueError:
-            self.fail(f"expected a number, found {shown(word)}")
-        if not all(map(math.isfinite, values)):
-            word = next(x for x in words if not math.isfinite(float(x)))
-            self.fail(f"{word} is not a finite number; repair the file")
-        return values
-
-    def every(self, first: str, words: list[str]) -> np.ndarray:
-        """Returns the words of all lines that begin with `first`, as `numbers`."""
-        try:
-            values = np.array(list(map(float, words)))
-        except ValueError:
-            values = np.array([np.nan])
-        if not np.isfinite(values).all():
-            # They are read once more, to say where.
-            self.number = 0
-            for line in self:
-                if line[0] == first:
-                    self.numbers(line[1:])
-        return values
 
 
 def read_asf(path: str | os.PathLike[str]) -> Skeleton:
@@ -162,25 +101,24 @@ def read_asf(path: str | os.PathLike[str]) -> Skeleton:
         MotionError: the file is missing, is not an ASF, or its bones do not hang
             together; the message names file and line.
     """
-    return _AsfParser(_Lines(Path(path))).parse()
+    return _AsfParser(NumberedLines(path, comment="#")).parse()
 
 
 class _AsfParser:
     """One pass over an ASF: section keyword lines switch the meaning of the rest."""
 
-    def __init__(self, lines: _Lines) -> None:
-        self.lines = lines
-        self.name = lines.path.stem
+    def __init__(self, lines: NumberedLines) -> None:
+        self.lines, self.fail = lines, lines.fail
         self.length_unit: float | None = None
         self.angle_unit = "degrees"
-        # Of the bones, by name: what their lines say, and the number of the first.
-        self.blocks: dict[str, dict[str, Any]] = {}
-        self.block: dict[str, Any] | None = None  # that is open
-        self.last_key = ""
+        # Of the bone that is open: key to the number of its line, and its words.
+        self.block: dict[str, tuple[int, list[str]]] = {}
+        self.bones: dict[str, Bone] = {}  # without parents, in the file's units
+        self.begun: dict[str, int] = {}  # numbers of the lines where they begin
         self.parents: dict[str, str] = {}
 
     def parse(self) -> Skeleton:
-        section, seen = "", set()
+        name, section, seen = self.lines.path.stem, "", set()
         handlers = {
             "units": self.on_units,
             "root": self.on_root,
@@ -193,199 +131,184 @@ class _AsfParser:
                 section = words[0][1:].lower()
                 seen.add(section)
                 if section == "name" and len(words) > 1:
-                    self.name = " ".join(words[1:])
+                    name = " ".join(words[1:])
             elif not section:
-                self.lines.fail(
+                self.fail(
                     f"not an ASF skeleton: expected a keyword such as :version, "
                     f"found {shown(words[0])}"
                 )
             elif section in handlers:
                 handlers[section](words)
-        if self.block is not None:
-            self.lines.fail(
-                f"the file ends inside the bone begun on line {self.block['begin']}; "
-                f"it seems cut off"
+        if self.block:
+            self.fail(
+                f"the file ends inside the bone begun on line {self.block['begin'][0]};"
+                " it seems cut off"
             )
         for needed in ("root", "bonedata", "hierarchy"):
             if needed not in seen:
-                self.lines.fail(f"the skeleton has no :{needed} section")
+                self.fail(f"the skeleton has no :{needed} section")
         if self.length_unit is None:
-            self.lines.fail(
+            self.fail(
                 "the :units section has no length, so the scale is unknown; "
                 f"CMU skeletons have 'length {CMU_LENGTH}'"
             )
-        return Skeleton(
-            self.name, self.ordered_bones(), self.length_unit, self.angle_unit
-        )
+        return Skeleton(name, self.ordered_bones(), self.length_unit, self.angle_unit)
 
     def check_closed(self, what: str) -> None:
         """Fails if a bone is open; `what` is said of it."""
-        if self.block is not None:
-            self.lines.fail(f"the bone begun on line {self.block['begin']} {what}")
+        if self.block:
+            self.fail(f"the bone begun on line {self.block['begin'][0]} {what}")
 
-    @property
-    def radians_per_unit(self) -> float:
-        return _RADIANS_PER_UNIT[self.angle_unit]
+    def values(
+        self, words: list[str], count: int, number: int | None = None
+    ) -> list[float]:
+        """So many numbers after the first word, of the last line or another."""
+        if len(words) - 1 != count:
+            found = len(words) - 1
+            self.fail(f"{words[0]} needs {count} values, found {found}", number)
+        return self.lines.numbers(words[1:], number)
 
     def on_units(self, words: list[str]) -> None:
         key = words[0].lower()
         if key == "length":
             (value,) = self.values(words, 1)
             if value <= 0.0:
-                self.lines.fail(f"length must be positive, found {value:g}")
+                self.fail(f"length must be positive, found {value:g}")
             self.length_unit = value
         elif key == "angle":
-            self.angle_unit = self.stated_angle_unit(words)
-
-    def stated_angle_unit(self, words: list[str]) -> str:
-        unit = words[1].lower() if len(words) > 1 else ""
-        if unit.startswith("deg"):
-            return "degrees"
-        if unit.startswith("rad"):
-            return "radians"
-        self.lines.fail(f"angle must be deg or rad, found {shown(unit)}")
+            unit = words[1].lower() if len(words) > 1 else ""
+            known = {"deg": "degrees", "rad": "radians"}
+            if unit[:3] not in known:
+                self.fail(f"angle must be deg or rad, found {shown(unit)}")
+            self.angle_unit = known[unit[:3]]
 
     def on_root(self, words: list[str]) -> None:
         key = words[0].lower()
         if key == "order":
             if tuple(word.upper() for word in words[1:]) != ROOT_ORDER:
-                self.lines.fail(
+                self.fail(
                     f"root order {' '.join(words[1:])} is not supported, only "
                     f"{' '.join(ROOT_ORDER)}"
                 )
         elif key == "axis":
             self.check_axis_order(words[1:2])
         elif key in ("position", "orientation") and any(self.values(words, 3)):
-            self.lines.fail(f"a root {key} other than 0 0 0 is not supported")
+            self.fail(f"a root {key} other than 0 0 0 is not supported")
 
-    def check_axis_order(self, words: list[str]) -> None:
+    def check_axis_order(self, words: list[str], number: int | None = None) -> None:
         if [word.upper() for word in words] != ["XYZ"]:
-            self.lines.fail(
-                f"axis order {shown(' '.join(words))} is not supported, only XYZ"
-            )
+            order = shown(" ".join(words))
+            self.fail(f"axis order {order} is not supported, only XYZ", number)
 
     def on_bonedata(self, words: list[str]) -> None:
         key = words[0].lower()
         if key == "begin":
             self.check_closed("has no end")
-            self.block, self.last_key = {"begin": self.lines.number}, ""
-        elif self.block is None:
-            self.lines.fail(f"expected begin, found {shown(words[0])}")
-        elif key == "end":
+        elif not self.block:
+            self.fail(f"expected begin, found {shown(words[0])}")
+        if key == "end":
             self.end_bone()
-        elif key.startswith("("):
-            if self.last_key != "limits":
-                self.lines.fail("a pair of limits without the word limits before it")
-            self.block["limits"] += words
+        elif not key.startswith("("):
+            self.block[key] = (self.lines.number, words)
+        elif next(reversed(self.block)) == "limits":
+            self.block["limits"][1].extend(words)
         else:
-            self.block[key], self.last_key = self.bone_entry(key, words), key
-
-    def bone_entry(self, key: str, words: list[str]) -> Any:
-        """What a line of a bone says, checked while its number is at hand."""
-        if key == "direction":
-            return self.values(words, 3)
-        if key == "length":
-            return self.values(words, 1)[0]
-        if key == "axis":
-            values = self.values(words[:4], 3)
-            self.check_axis_order(words[4:])
-            return values
-        if key == "dof":
-            names = tuple(word.lower() for word in words[1:])
-            for name in words[1:]:
-                if name.lower() not in _DOF_NAMES:
-                    self.lines.fail(
-                        f"dof {shown(name)} is not supported, only rx ry rz"
-                    )
-            if len(set(names)) < len(names):
-                self.lines.fail("a dof is listed twice")
-            return names
-        if key == "name":
-            if len(words) != 2:
-                self.lines.fail("a bone needs one name without spaces")
-            return words[1]
-        return words[1:]
+            self.fail("a pair of limits without the word limits before it")
 
     def end_bone(self) -> None:
+        """Checks what the lines of a bone say, and keeps it."""
         for needed in ("name", "direction", "length", "axis"):
             if needed not in self.block:
                 self.check_closed(f"has no {needed}")
-        name, length = self.block["name"], self.block["length"]
-        if name in self.blocks or name == "root":
-            self.lines.fail(f"bone {shown(name)} is defined twice")
-        if length < 0.0 or (length > 0.0 and not any(self.block["direction"])):
-            self.lines.fail(
+
+        def values(key: str, count: int) -> list[float]:
+            number, words = self.block[key]
+            return self.values(words[: count + 1], count, number)
+
+        number, (_, *names) = self.block["name"]
+        if len(names) != 1:
+            self.fail("a bone needs one name without spaces", number)
+        (name,) = names
+        direction, (length,) = np.array(values("direction", 3)), values("length", 1)
+        axis = np.array(values("axis", 3))
+        number, words = self.block["axis"]
+        self.check_axis_order(words[4:], number)
+        number, words = self.block.get("dof", (0, ["dof"]))
+        dof = tuple(word.lower() for word in words[1:])
+        for word in words[1:]:
+            if word.lower() not in _DOF_NAMES:
+                self.fail(f"dof {shown(word)} is not supported, only rx ry rz", number)
+        if len(set(dof)) < len(dof):
+            self.fail("a dof is listed twice", number)
+        if name in self.bones or name == "root":
+            self.fail(f"bone {shown(name)} is defined twice")
+        if length < 0.0 or (length > 0.0 and not direction.any()):
+            self.fail(
                 f"bone {name} needs a length >= 0 and a direction other than 0 0 0"
             )
-        self.blocks[name], self.block = self.block, None
+        norm = np.linalg.norm(direction)
+        direction = direction / norm if norm > 0.0 else direction
+        limits = _limits(self.block.get("limits", (0, [""]))[1][1:], len(dof))
+        self.bones[name] = Bone(name, "", direction, length, axis, dof, limits)
+        self.begun[name] = self.block["begin"][0]
+        self.block = {}
 
     def on_hierarchy(self, words: list[str]) -> None:
         if words[0].lower() in ("begin", "end"):
             return
         parent, *children = words
         for name in words:
-            if name != "root" and name not in self.blocks:
+            if name != "root" and name not in self.bones:
                 what = "parent" if name == parent else "bone"
-                self.lines.fail(
+                self.fail(
                     f"the hierarchy names the {what} {shown(name)}, which "
                     f":bonedata does not define"
                 )
         for child in children:
             if child == "root" or child in self.parents:
-                self.lines.fail(f"bone {child} has two parents in the hierarchy")
+                self.fail(f"bone {child} has two parents in the hierarchy")
             self.parents[child] = parent
 
     def ordered_bones(self) -> dict[str, Bone]:
-        """Returns the bones from the root outwards."""
+        """Returns the bones from the root outwards, in metres and radians."""
         bones: dict[str, Bone] = {}
+        radians = _RADIANS_PER_UNIT[self.angle_unit]
         waiting = ["root"]
         while waiting:
             name = waiting.pop()
             if name != "root":
-                bones[name] = self.make_bone(name)
+                bone = self.bones[name]
+                bones[name] = replace(
+                    bone,
+                    parent=self.parents[name],
+                    length=bone.length * INCH / self.length_unit,
+                    axis=bone.axis * radians,
+                    limits=tuple((a * radians, b * radians) for a, b in bone.limits),
+                )
             inwards = reversed(self.parents.items())
             waiting += [child for child, parent in inwards if parent == name]
-        for name, block in self.blocks.items():
+        for name, number in self.begun.items():
             if name not in bones:
-                self.lines.number = block["begin"]
-                self.lines.fail(
+                self.fail(
                     f"bone {name} has no way to the root in :hierarchy; give it a "
-                    f"parent there or remove the bone"
+                    "parent there or remove the bone",
+                    number,
                 )
         if not bones:
-            self.lines.fail("the skeleton has no bones")
+            self.fail("the skeleton has no bones")
         return bones
 
-    def make_bone(self, name: str) -> Bone:
-        block = self.blocks[name]
-        direction = np.array(block["direction"])
-        norm = np.linalg.norm(direction)
-        dof = block.get("dof", ())
-        return Bone(
-            name=name,
-            parent=self.parents[name],
-            direction=direction / norm if norm > 0.0 else direction,
-            length=block["length"] * INCH / self.length_unit,
-            axis=np.array(block["axis"]) * self.radians_per_unit,
-            dof=dof,
-            limits=self.limits(block.get("limits", []), len(dof)),
-        )
 
-    def limits(self, words: list[str], count: int) -> tuple[tuple[float, float], ...]:
-        """Returns the limits [rad], or none where they make no sense."""
-        text = re.sub(r"[(),]", " ", " ".join(words)).split()
-        try:
-            values = [float(word) * self.radians_per_unit for word in text]
-        except ValueError:
-            return ()
-        if len(values) != 2 * count:
-            return ()
-        return tuple(zip(values[0::2], values[1::2], strict=True))
-
-    def values(self, words: list[str], count: int) -> list[float]:
-        if len(words) - 1 != count:
-            self.lines.fail(f"{words[0]} needs {count} values, found {len(words) - 1}")
-        return self.lines.numbers(words[1:])
+def _limits(words: list[str], count: int) -> tuple[tuple[float, float], ...]:
+    """Pairs of limits, or none where they make no sense."""
+    text = re.sub(r"[(),]", " ", " ".join(words)).split()
+    try:
+        values = [float(word) for word in text]
+    except ValueError:
+        return ()
+    if len(values) != 2 * count:
+        return ()
+    return tuple(zip(values[0::2], values[1::2], strict=True))
 
 
 def default_frame_rate(path: str | os.PathLike[str]) -> float:
@@ -419,23 +342,16 @@ def read_amc(
         MotionError: the file is missing, damaged, has fewer than two frames, or
             does not fit the skeleton; the message names file and line.
     """
-    path = Path(path)
     counts = {bone.name: len(bone.dof) for bone in skeleton.bones.values()}
     counts["root"] = 6
-    needed = [bone for bone, count in counts.items() if count > 0]
-    # The numbers are read at last, all at once.
-    columns: dict[str, list[str]] = {bone: [] for bone in needed}
-    frames = read = 0  # and so many of the bones in the last of them
-    angle_unit = "degrees"
+    rows: dict[str, list] = {bone: [] for bone, count in counts.items() if count}
+    frames, angle_unit = 0, "degrees"
     stated_rate: float | None = None
-
-    lines = _Lines(path)
+    lines = NumberedLines(path, comment="#")
 
     def check_complete() -> None:
-        if frames and read < len(needed):
-            missing = [
-                bone for bone in needed if len(columns[bone]) < frames * counts[bone]
-            ]
+        missing = [bone for bone, read in rows.items() if len(read) < frames]
+        if missing:
             more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
             lines.fail(
                 f"frame {frames} ends without {', '.join(missing[:4])}{more}; "
@@ -445,17 +361,15 @@ def read_amc(
 
     for words in lines:
         bone = words[0]
-        if bone in columns and frames > 0:
-            column, count = columns[bone], counts[bone]
-            if len(words) - 1 != count:
+        if bone in rows and frames > 0:
+            if len(words) - 1 != counts[bone]:
                 lines.fail(
-                    f"{bone} needs {count} values on skeleton "
+                    f"{bone} needs {counts[bone]} values on skeleton "
                     f"{shown(skeleton.name)}, found {len(words) - 1}"
                 )
-            if len(column) == frames * count:
+            if len(rows[bone]) == frames:
                 lines.fail(f"{bone} appears twice in frame {frames}")
-            column += words[1:]
-            read += 1
+            rows[bone].append(lines.numbers(words[1:]))
         elif len(words) == 1 and bone.isascii() and bone.isdigit():
             check_complete()
             if int(bone) != frames + 1:
@@ -463,13 +377,15 @@ def read_amc(
                     f"frame {bone} where frame {frames + 1} was expected; "
                     f"frames are numbered from 1 without gaps"
                 )
-            frames, read = frames + 1, 0
+            frames += 1
         elif bone.startswith(":") and frames == 0:
             keyword = bone.upper()
             if keyword in (":DEGREES", ":RADIANS"):
                 angle_unit = keyword[1:].lower()
             elif keyword == ":SAMPLES-PER-SECOND":
-                stated_rate = _stated_rate(lines, words)
+                stated_rate = lines.numbers(words[1:])[0] if len(words) == 2 else 0.0
+                if not stated_rate > 0.0:
+                    lines.fail(":SAMPLES-PER-SECOND needs one positive number")
         elif frames == 0:
             lines.fail(
                 f"not an AMC motion: expected frame number 1, found {shown(bone)}"
@@ -488,21 +404,18 @@ def read_amc(
         lines.fail(f"the motion has {have}; at least 2 are needed")
     check_complete()
 
-    values = {
-        bone: lines.every(bone, column).reshape(frames, -1)
-        for bone, column in columns.items()
-    }
+    values = {bone: np.array(read) for bone, read in rows.items()}
     root = values.pop("root")
     rate, rate_source = frame_rate, "given"
     if rate is None:
         rate, rate_source = stated_rate, "file"
     if rate is None:
-        rate, rate_source = default_frame_rate(path), "assumed"
+        rate, rate_source = default_frame_rate(lines.path), "assumed"
     radians_per_unit = _RADIANS_PER_UNIT[angle_unit]
     if not (math.isfinite(rate) and rate > 0.0):
-        raise MotionError(f"{path}: the frame rate must be positive, not {rate}")
+        raise MotionError(f"{lines.path}: the frame rate must be positive, not {rate}")
     return Clip(
-        name=path.stem if name is None else name,
+        name=lines.path.stem if name is None else name,
         skeleton=skeleton,
         frame_rate=float(rate),
         root_position=root[:, :3] * skeleton.metres_per_unit,
@@ -511,14 +424,6 @@ def read_amc(
         rate_source=rate_source,
         angle_unit=angle_unit,
     )
-
-
-def _stated_rate(lines: _Lines, words: list[str]) -> float:
-    if len(words) == 2:
-        (rate,) = lines.numbers(words[1:])
-        if rate > 0.0:
-            return rate
-    lines.fail(":SAMPLES-PER-SECOND needs one positive number")
 
 
 # --- kinematics -------------------------------------------------------------------
@@ -536,33 +441,41 @@ def rotation_xyz(angles: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def forward_kinematics(clip: Clip) -> BonePoses:
-    """Returns where every bone of the clip is at every frame.
+def clip_tree(clip: Clip) -> SegmentTree:
+    """Where every bone of the clip begins at every frame, in the file's y-up world.
 
-    R_WB = R_WP C (Rz Ry Rx)(dof values) Cᵀ with C = (Rz Ry Rx)(axis), and
-    p_WE = p_WS + R_WB direction length, from the root outwards.
+    Segment 0 is "root", the others are the bones. R_WB = R_WP C (Rz Ry Rx)(dof values)
+    Cᵀ with C = (Rz Ry Rx)(axis), the identity at rest.
     """
-    root = np.asarray(clip.root_position, dtype=float)
-    start, end = {"root": root}, {"root": root}
-    rotation = {"root": rotation_xyz(np.asarray(clip.root_rotation, dtype=float))}
-    for bone in clip.skeleton.bones.values():
-        R_WB = rotation[bone.parent]
+    bones = list(clip.skeleton.bones.values())
+    index = {"root": 0} | {bone.name: i for i, bone in enumerate(bones, start=1)}
+    ends = [np.zeros(3), *(bone.direction * bone.length for bone in bones)]
+    offsets = [np.asarray(clip.root_position, dtype=float)]
+    turns = [rotation_xyz(np.asarray(clip.root_rotation, dtype=float))]
+    for bone in bones:
+        offsets.append(ends[index[bone.parent]])
+        R = np.broadcast_to(np.eye(3), turns[0].shape)
         if bone.dof:
-            angles = np.zeros((len(root), 3))
-            angles[:, [_DOF_NAMES.index(dof) for dof in bone.dof]] = clip.joints[
+            angles = np.zeros((clip.num_frames, 3))
+            angles[:, [_DOF_NAMES.index(of) for of in bone.dof]] = clip.joints[
                 bone.name
             ]
             C = rotation_xyz(bone.axis)
-            R_WB = R_WB @ (C @ rotation_xyz(angles) @ C.T)
-        start[bone.name] = end[bone.parent]
-        end[bone.name] = start[bone.name] + R_WB @ (bone.direction * bone.length)
-        rotation[bone.name] = R_WB
-    return BonePoses(start, end, rotation)
+            R = C @ rotation_xyz(angles) @ C.T
+        turns.append(R)
+    parents = [-1, *(index[bone.parent] for bone in bones)]
+    return tree_of_turns(list(index), parents, offsets, turns)
 
 
-def rest_pose(skeleton: Skeleton) -> BonePoses:
-    """Returns the skeleton at rest, root at the origin, as one frame (T = 1)."""
-    return forward_kinematics(
+def bone_end(skeleton: Skeleton, tree: SegmentTree, name: str) -> np.ndarray:
+    """(T, 3) p_WE of a bone's end [m]."""
+    i, bone = tree.names.index(name), skeleton.bones[name]
+    return tree.positions[i] + tree.rotations[i] @ (bone.direction * bone.length)
+
+
+def rest_tree(skeleton: Skeleton) -> SegmentTree:
+    """The skeleton at rest, root at the origin, as one frame (T = 1)."""
+    return clip_tree(
         Clip(
             name=skeleton.name,
             skeleton=skeleton,

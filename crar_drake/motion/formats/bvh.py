@@ -9,25 +9,18 @@ Own code, because maintained readers on PyPI (pybvh 0.9, bvhio 1.5) take NaN for
 number, cannot tell the line of most mistakes, and refuse keywords in lower case.
 """
 
-import math
 import os
-import re
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crar_drake.errors import MotionError
-from crar_drake.motion.text_files import read_motion_text, shown
+from crar_drake.motion.segment_tree import SegmentTree, tree_of_turns
+from crar_drake.motion.text_files import NumberedLines, shown
 
 _POSITIONS = {"xposition": 0, "yposition": 1, "zposition": 2}
 _ROTATIONS = ("xrotation", "yrotation", "zrotation")
 _SHORTEST_FRAME = 1e-4  # [s]: no camera takes 10,000 pictures a second
-_LARGEST = 1e9  # in any unit and in degrees: more was never measured
-
-_DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+")
 
 # Positions of a joint that are shorter than this share of its OFFSET are no bone.
 _NO_BONE = 0.2
@@ -57,13 +50,10 @@ class Bvh:
         """Number of samples T."""
         return len(self.values)
 
-    def path(self, index: int) -> list[int]:
-        """Indices from the root to that joint, both included."""
-        path = []
-        while index >= 0:
-            path.append(index)
-            index = self.joints[index].parent
-        return path[::-1]
+    def columns(self, index: int) -> dict[str, int]:
+        """Channel of a joint to its column of the values."""
+        first = sum(len(joint.channels) for joint in self.joints[:index])
+        return {c: first + k for k, c in enumerate(self.joints[index].channels)}
 
 
 def read_bvh(path: str | os.PathLike[str]) -> Bvh:
@@ -76,110 +66,105 @@ def read_bvh(path: str | os.PathLike[str]) -> Bvh:
         MotionError: the file is missing, cut off, or has a frame time of 0, no frames,
             or a wrong number of values in a line; the message names file and line.
     """
-    return _Parser(Path(path), read_motion_text(path)).parse()
+    lines = NumberedLines(path)
+    joints = _HierarchyParser(lines).parse()
+    frames, frame_time = _header(lines)
+    width = sum(len(joint.channels) for joint in joints)
+    return Bvh(tuple(joints), _frames(lines, frames, width), frame_time)
 
 
-class _Parser:
-    """One pass over the lines; braces and keywords may share a line."""
+class _HierarchyParser:
+    """One pass over the tree's lines; braces and keywords may share a line."""
 
-    def __init__(self, path: Path, text: str) -> None:
-        self.path = path
-        self.lines = text.split("\n")
-        self.number = 0  # of the line that is looked at
+    def __init__(self, lines: NumberedLines) -> None:
+        self.lines, self.fail = lines, lines.fail
         self.joints: list[BvhJoint] = []
+        self.stack: list[int] = []  # joints whose block is open
+        self.waiting: tuple[str, int] | None = None  # whose block is to be opened
+        self.offsets: set[int] = set()  # joints that have one
 
-    def fail(self, message: str) -> NoReturn:
-        raise MotionError(f"{self.path}:{self.number}: {message}")
-
-    def parse(self) -> Bvh:
-        motion = self.hierarchy()
-        frames, frame_time, first = self.header(motion)
-        return Bvh(tuple(self.joints), self.frames(first, frames), frame_time)
-
-    # The tree ---------------------------------------------------------------------
-
-    def hierarchy(self) -> int:
-        """Reads the tree, and returns the index of the line after MOTION."""
+    def parse(self) -> list[BvhJoint]:
+        """Reads the tree, up to the line MOTION."""
         begun = False
-        stack: list[int] = []  # joints whose block is open
-        waiting: tuple[str, int] | None = None  # joint whose block is to be opened
-        offsets: set[int] = set()
-        for index, line in enumerate(self.lines):
-            self.number = index + 1
-            words = line.replace("{", " { ").replace("}", " } ").split()
-            while words:
-                word = words.pop(0)
-                keyword = word.lower()
-                if not begun:
-                    if keyword != "hierarchy":
-                        self.fail(
-                            f"not a BVH motion: expected HIERARCHY, found {shown(word)}"
-                        )
-                    begun = True
-                elif word == "{":
-                    if waiting is None:
-                        self.fail("a { without a ROOT, JOINT or End Site before it")
-                    stack.append(len(self.joints))
-                    self.joints.append(BvhJoint(*waiting, np.zeros(3)))
-                    waiting = None
-                elif waiting is not None:
-                    self.fail(f"expected {{ after a joint's name, found {shown(word)}")
-                elif word == "}":
-                    if not stack:
-                        self.fail("a } too many")
-                    if stack[-1] not in offsets:
-                        self.fail(f"{self.called(stack[-1])} has no OFFSET")
-                    stack.pop()
-                elif keyword in ("root", "joint", "end"):
-                    if (keyword == "root") == bool(stack):
-                        what = "inside another joint" if stack else "outside of a ROOT"
-                        self.fail(f"{word} {what}")
-                    name, words = self.name(keyword, words)
-                    waiting = (name, stack[-1] if stack else -1)
-                elif keyword == "offset":
-                    if not stack:
-                        self.fail("an OFFSET outside of a joint")
-                    self.set(stack[-1], offset=np.array(self.numbers(words[:3], 3)))
-                    words, _ = words[3:], offsets.add(stack[-1])
-                elif keyword == "channels":
-                    if not stack:
-                        self.fail("CHANNELS outside of a joint")
-                    names, words = self.channels(words)
-                    self.set(stack[-1], channels=names)
-                elif keyword == "motion":
-                    if stack:
-                        self.fail(
-                            f"MOTION inside {self.called(stack[-1])}: a }} is missing"
-                        )
-                    if not self.joints:
-                        self.fail("the hierarchy has no joints")
-                    return index + 1
-                else:
+        for line in self.lines:
+            words = " ".join(line).replace("{", " { ").replace("}", " } ").split()
+            if not begun:
+                if words[0].lower() != "hierarchy":
                     self.fail(
-                        "expected OFFSET, CHANNELS, JOINT, End Site, } or MOTION, "
-                        f"found {shown(word)}"
+                        f"not a BVH motion: expected HIERARCHY, found {shown(words[0])}"
                     )
+                begun, words = True, words[1:]
+            while words:
+                if words[0].lower() == "motion" and self.waiting is None:
+                    self.check_closed()
+                    return self.joints
+                words = self.take(*words)
         if not begun:
             self.fail("the file is empty: expected HIERARCHY")
         self.fail("the file ends before MOTION; it seems cut off")
+
+    def check_closed(self) -> None:
+        """Fails at MOTION if a block is open, or if there was none."""
+        if self.stack:
+            called = self.called(self.stack[-1])
+            self.fail(f"MOTION inside {called}: a }} is missing")
+        if not self.joints:
+            self.fail("the hierarchy has no joints")
+
+    def take(self, word: str, *rest: str) -> list[str]:
+        """Takes a keyword and what belongs to it; returns the words after that."""
+        words, keyword = list(rest), word.lower()
+        if word == "{":
+            if self.waiting is None:
+                self.fail("a { without a ROOT, JOINT or End Site before it")
+            self.stack.append(len(self.joints))
+            self.joints.append(BvhJoint(*self.waiting, np.zeros(3)))
+            self.waiting = None
+        elif self.waiting is not None:
+            self.fail(f"expected {{ after a joint's name, found {shown(word)}")
+        elif word == "}":
+            if not self.stack:
+                self.fail("a } too many")
+            closed = self.stack.pop()
+            if closed not in self.offsets:
+                self.fail(f"{self.called(closed)} has no OFFSET")
+        elif keyword in ("root", "joint", "end"):
+            if (keyword == "root") == bool(self.stack):
+                what = "inside another joint" if self.stack else "outside of a ROOT"
+                self.fail(f"{word} {what}")
+            # A name may have blanks.
+            end = words.index("{") if "{" in words else len(words)
+            if keyword != "end" and end == 0:
+                self.fail(f"{keyword.upper()} without a name")
+            name = "" if keyword == "end" else " ".join(words[:end])
+            self.waiting = (name, self.stack[-1] if self.stack else -1)
+            return words[end:]
+        elif keyword in ("offset", "channels"):
+            if not self.stack:
+                what = "an OFFSET" if keyword == "offset" else "CHANNELS"
+                self.fail(f"{what} outside of a joint")
+            return self.offset(words) if keyword == "offset" else self.channels(words)
+        else:
+            self.fail(
+                "expected OFFSET, CHANNELS, JOINT, End Site, } or MOTION, "
+                f"found {shown(word)}"
+            )
+        return words
 
     def called(self, index: int) -> str:
         name = self.joints[index].name
         return f"joint {shown(name)}" if name else "an end site"
 
-    def set(self, index: int, **values) -> None:
+    def set(self, **values) -> None:
+        index = self.stack[-1]
         self.joints[index] = replace(self.joints[index], **values)
 
-    def name(self, keyword: str, words: list[str]) -> tuple[str, list[str]]:
-        """The name, which may have blanks, and the words after it."""
-        end = words.index("{") if "{" in words else len(words)
-        if keyword == "end":
-            return "", words[end:]
-        if end == 0:
-            self.fail(f"{keyword.upper()} without a name")
-        return " ".join(words[:end]), words[end:]
+    def offset(self, words: list[str]) -> list[str]:
+        self.set(offset=np.array(_numbers(self.lines, words[:3], 3)))
+        self.offsets.add(self.stack[-1])
+        return words[3:]
 
-    def channels(self, words: list[str]) -> tuple[tuple[str, ...], list[str]]:
+    def channels(self, words: list[str]) -> list[str]:
         if not words or not words[0].isdecimal():
             self.fail("CHANNELS needs the number of channels")
         count = int(words[0])
@@ -191,105 +176,67 @@ class _Parser:
             self.fail(f"CHANNELS says {count}, found {len(names)}")
         if len(set(names)) < count:
             self.fail("a channel is listed twice")
-        return names, words[count + 1 :]
+        self.set(channels=names)
+        return words[count + 1 :]
 
-    def numbers(self, words: list[str], count: int) -> list[float]:
-        if len(words) != count:
-            self.fail(f"expected {count} numbers, found {len(words)}")
-        values = []
-        for word in words:
-            try:
-                values.append(float(word))
-            except ValueError:
-                comma = _DECIMAL_COMMA.fullmatch(word)
-                self.fail(
-                    f"expected a number, found {shown(word)}"
-                    + ("; write a point for the decimal comma" if comma else "")
+
+def _numbers(lines: NumberedLines, words: list[str], count: int) -> list[float]:
+    if len(words) != count:
+        lines.fail(f"expected {count} numbers, found {len(words)}")
+    return lines.numbers(words)
+
+
+def _header(lines: NumberedLines) -> tuple[int, float]:
+    """Number of frames and frame time [s]."""
+    found: dict[str, float] = {}
+    for line in lines:
+        words = " ".join(line).replace(":", " ").split()
+        lowered = [word.lower() for word in words]
+        if lowered[:1] == ["frames"]:
+            found["frames"] = _numbers(lines, words[1:], 1)[0]
+        elif lowered[:2] == ["frame", "time"]:
+            found["time"] = _numbers(lines, words[2:], 1)[0]
+            if found["time"] < _SHORTEST_FRAME:
+                lines.fail(
+                    f"a frame time of {found['time']:g} s; write the seconds from "
+                    "frame to frame, such as 0.008333"
                 )
-            if not math.isfinite(values[-1]):
-                self.fail(f"{word} is not a finite number; repair the file")
-            if abs(values[-1]) > _LARGEST:
-                self.fail(f"{shown(word)} is no measurement; repair the file")
-        return values
-
-    # The motion -------------------------------------------------------------------
-
-    def header(self, index: int) -> tuple[int, float, int]:
-        """Returns number of frames, frame time [s], and the first frame's index."""
-        found: dict[str, float] = {}
-        for i in range(index, len(self.lines)):
-            self.number = i + 1
-            words = self.lines[i].replace(":", " ").split()
-            if not words:
-                continue
-            lowered = [word.lower() for word in words]
-            if lowered[0] == "frames":
-                found["frames"] = self.numbers(words[1:], 1)[0]
-            elif lowered[:2] == ["frame", "time"]:
-                found["time"] = self.numbers(words[2:], 1)[0]
-                if found["time"] < _SHORTEST_FRAME:
-                    self.fail(
-                        f"a frame time of {found['time']:g} s; write the seconds from "
-                        "frame to frame, such as 0.008333"
-                    )
-            else:
-                self.fail(f"expected Frames: or Frame Time:, found {shown(words[0])}")
-            if len(found) == 2:
-                break
         else:
-            self.fail("the file ends before Frames: and Frame Time:")
-        frames = found["frames"]
-        if frames != int(frames) or frames < 1:
-            self.fail(f"the motion has no frames: Frames: {frames:g}")
-        return int(frames), found["time"], i + 1
+            lines.fail(f"expected Frames: or Frame Time:, found {shown(line[0])}")
+        if len(found) == 2:
+            break
+    else:
+        lines.fail("the file ends before Frames: and Frame Time:")
+    frames = found["frames"]
+    if frames != int(frames) or frames < 1:
+        lines.fail(f"the motion has no frames: Frames: {frames:g}")
+    return int(frames), found["time"]
 
-    def frames(self, first: int, frames: int) -> np.ndarray:
-        """The (frames, channels) values, a line each."""
-        width = sum(len(joint.channels) for joint in self.joints)
-        if width == 0:
-            self.fail("no joint has CHANNELS, so nothing can move")
-        rows = []
-        for i in range(first, len(self.lines)):
-            words = self.lines[i].split()
-            if not words:
-                continue
-            self.number = i + 1
-            if len(rows) == frames:
-                self.fail(f"a line too many: Frames: says {frames}")
-            if len(words) != width:
-                self.fail(
-                    f"{len(words)} values in frame {len(rows) + 1}, but the channels "
-                    f"are {width}"
-                )
-            try:
-                row = np.array(words, dtype=float)
-            except ValueError:
-                row = np.array(self.numbers(words, width))
-            if not np.abs(row).max() <= _LARGEST:
-                self.numbers(words, width)
-            rows.append(row)
-        if len(rows) < frames:
-            self.number = len(self.lines)
-            self.fail(
-                f"{len(rows)} of {frames:g} frames are there; the file seems cut off"
+
+def _frames(lines: NumberedLines, frames: int, width: int) -> np.ndarray:
+    """The (frames, width) values, a line each."""
+    if width == 0:
+        lines.fail("no joint has CHANNELS, so nothing can move")
+    rows = []
+    for words in lines:
+        if len(rows) == frames:
+            lines.fail(f"a line too many: Frames: says {frames}")
+        if len(words) != width:
+            lines.fail(
+                f"{len(words)} values in frame {len(rows) + 1}, but the channels are "
+                f"{width}"
             )
-        return np.array(rows)
+        rows.append(lines.numbers(words))
+    if len(rows) < frames:
+        lines.fail(f"{len(rows)} of {frames} frames are there; the file seems cut off")
+    return np.array(rows)
 
 
 # --- kinematics -------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class BvhPoses:
-    """Where each joint is, in the file's own axes and unit."""
-
-    positions: np.ndarray  # (J, T, 3) p_FJ [file units]
-    rotations: np.ndarray  # (J, T, 3, 3) R_FJ, the identity where all channels are zero
-    local: np.ndarray  # (J, T, 3, 3) against the parent
-
-
-def bvh_kinematics(bvh: Bvh) -> BvhPoses:
-    """Returns where every joint is at every frame.
+def bvh_tree(bvh: Bvh) -> SegmentTree:
+    """Where every joint is at every frame, in the file's own axes and unit.
 
     R_FJ = R_FP R_1 R_2 ... in the order of the rotation channels, and
     p_FJ = p_FP + R_FP t, with t the OFFSET or, where a joint has position channels,
@@ -297,32 +244,22 @@ def bvh_kinematics(bvh: Bvh) -> BvhPoses:
     `added_positions` have both.
     """
     added = added_positions(bvh)
-    T, J = bvh.num_frames, len(bvh.joints)
-    positions = np.zeros((J, T, 3))
-    rotations = np.zeros((J, T, 3, 3))
-    local = np.zeros((J, T, 3, 3))
-    column = 0
+    offsets, turns = [], []
     for j, joint in enumerate(bvh.joints):
-        t = np.tile(joint.offset, (T, 1))
-        R = np.tile(np.eye(3), (T, 1, 1))
-        for channel in joint.channels:
+        t = np.tile(joint.offset, (bvh.num_frames, 1))
+        R = np.tile(np.eye(3), (bvh.num_frames, 1, 1))
+        for channel, column in bvh.columns(j).items():
             value = bvh.values[:, column]
-            column += 1
-            if channel in _POSITIONS and j in added:
-                t[:, _POSITIONS[channel]] += value
-            elif channel in _POSITIONS:
-                t[:, _POSITIONS[channel]] = value
+            if channel in _POSITIONS:
+                axis = _POSITIONS[channel]
+                t[:, axis] = value + (t[:, axis] if j in added else 0.0)
             else:
                 about = Rotation.from_euler(channel[0], value[:, None], degrees=True)
                 R = R @ about.as_matrix()
-        local[j] = R
-        if joint.parent < 0:
-            positions[j], rotations[j] = t, R
-        else:
-            R_FP = rotations[joint.parent]
-            positions[j] = positions[joint.parent] + np.einsum("tij,tj->ti", R_FP, t)
-            rotations[j] = R_FP @ R
-    return BvhPoses(positions, rotations, local)
+        offsets.append(t)
+        turns.append(R)
+    names, parents = zip(*((j.name, j.parent) for j in bvh.joints), strict=True)
+    return tree_of_turns(names, parents, offsets, turns)
 
 
 def added_positions(bvh: Bvh) -> tuple[int, ...]:
@@ -331,14 +268,13 @@ def added_positions(bvh: Bvh) -> tuple[int, ...]:
     With these alone the bone would have no length: some programs write what is to be
     added to the OFFSET.
     """
-    joints, column = [], 0
+    joints = []
     for j, joint in enumerate(bvh.joints):
         places = {
-            _POSITIONS[channel]: column + k
-            for k, channel in enumerate(joint.channels)
+            _POSITIONS[channel]: column
+            for channel, column in bvh.columns(j).items()
             if channel in _POSITIONS
         }
-        column += len(joint.channels)
         offset = joint.offset[list(places)]
         if joint.parent < 0 or np.linalg.norm(offset) <= _NO_BONE * np.linalg.norm(
             joint.offset
@@ -350,7 +286,7 @@ def added_positions(bvh: Bvh) -> tuple[int, ...]:
     return tuple(joints)
 
 
-def rest_positions(bvh: Bvh, poses: BvhPoses) -> np.ndarray:
+def rest_positions(bvh: Bvh, tree: SegmentTree) -> np.ndarray:
     """(J, 3) where the joints are with all rotations zero, the root at 0.
 
     A joint without OFFSET, but with position channels, is as in the first frame.
@@ -361,7 +297,7 @@ def rest_positions(bvh: Bvh, poses: BvhPoses) -> np.ndarray:
             continue
         t = joint.offset
         if joint.channels and joint.channels[0] in _POSITIONS and not t.any():
-            step = poses.positions[j, 0] - poses.positions[joint.parent, 0]
-            t = poses.rotations[joint.parent, 0].T @ step
+            step = tree.positions[j][0] - tree.positions[joint.parent][0]
+            t = tree.rotations[joint.parent][0].T @ step
         p[j] = p[joint.parent] + t
     return p

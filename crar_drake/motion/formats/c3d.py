@@ -8,18 +8,17 @@ or stands at 0 0 0, or is NaN.
 import importlib.util
 import json
 import math
-import os
 import struct
 import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from crar_drake.errors import MotionError, printable
+from crar_drake.motion.performers.points import RecordedPoints
 from crar_drake.resources import install_command
 
 _CHILD = Path(__file__).with_name("ezc3d_child.py")
@@ -30,28 +29,13 @@ _MEMORY = 2**32  # [bytes]; what libraries reserve is most of it
 _UNITS = ("mm", "cm", "m", "in", "")
 
 
-@dataclass(frozen=True)
-class Markers:
-    """Labelled points of a C3D file, or of another."""
-
-    labels: tuple[str, ...]  # as in the file, subject prefixes included
-    positions: np.ndarray  # (T, M, 3) [file units]; NaN where a point is hidden
-    frame_rate: float  # samples per second [Hz]; 0 if the file does not say
-    unit: str  # a key of `options.UNITS`, or "" if the file does not say
-    # what the file says of the subject, e.g. "LKneeWidth" [file units].
-    measures: Mapping[str, float]
-    format: str = "C3D"  # of the file
-    doubts: tuple[str, ...] = ()  # as in `Performer`
-
-
-def read_c3d(path: str | os.PathLike[str]) -> Markers:
+def read_c3d(path: Path) -> RecordedPoints:
     """Reads the points of a C3D file.
 
     Raises:
         MotionError: ezc3d is not installed, the file is missing or none, or has no
             points or frames.
     """
-    path = Path(path)
     if importlib.util.find_spec("ezc3d") is None:
         raise MotionError(f"{path}: C3D files need ezc3d: {install_command('c3d')}")
     if not path.is_file():
@@ -77,7 +61,7 @@ def read_c3d(path: str | os.PathLike[str]) -> Markers:
         )
     rates = points.get("RATE", [])
     rate = float(rates[0]) if len(rates) else 0.0
-    return Markers(
+    return RecordedPoints(
         labels,
         positions,
         rate if math.isfinite(rate) and rate > 0.0 else 0.0,

@@ -11,41 +11,67 @@ unturned segments make a T-pose that faces x, palms down. Other frames ("identit
 io_anim_mvnx_utest/data/test_mocap.mvnx of github.com/andres-fr/blender-mvnx-io.
 """
 
-import os
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError, printable
 from crar_drake.motion.formats.point_arrays import one_rate
+from crar_drake.motion.options import MotionOptions
+from crar_drake.motion.performer import SIDES, Fact, Performer, repeated
+from crar_drake.motion.performers.assemble import Recording, assemble
 from crar_drake.motion.plausible import refuse_far
+from crar_drake.motion.segment_tree import SegmentTree
 
 _COLUMNS = {"position": 3, "orientation": 4}
 
+_LIMBS = {
+    "shoulder": "UpperArm",
+    "elbow": "ForeArm",
+    "wrist": "Hand",
+    "hip": "UpperLeg",
+    "knee": "LowerLeg",
+    "ankle": "Foot",
+    "toe": "Toe",
+}
+# Joint to the segment whose origin it is.
+_SEGMENT_OF: Mapping[str, str] = MappingProxyType(
+    {
+        "pelvis": "Pelvis",
+        "neck": "Neck",
+        "head": "Head",
+        **{
+            f"{side}_{joint}": f"{side.capitalize()}{segment}"
+            for side in SIDES
+            for joint, segment in _LIMBS.items()
+        },
+    }
+)
+_ARM = ("Shoulder", "UpperArm", "ForeArm", "Hand")
+_LEG = ("UpperLeg", "LowerLeg", "Foot", "Toe")
+# Chains of segments, each of which hangs on the one before.
+_CHAINS = (
+    ("Pelvis", "L5", "L3", "T12", "T8", "Neck", "Head"),
+    *(("T8", *(side + part for part in _ARM)) for side in ("Left", "Right")),
+    *(("Pelvis", *(side + part for part in _LEG)) for side in ("Left", "Right")),
+)
+_PARENT = {b: a for chain in _CHAINS for a, b in zip(chain, chain[1:], strict=False)}
 
-@dataclass(frozen=True)
-class Mvnx:
-    """Segments' poses over time."""
 
-    segments: tuple[str, ...]  # (S,) labels
-    positions: np.ndarray  # (T, S, 3) p_WS [m]
-    quaternions: np.ndarray  # (T, S, 4) of R_WS, w x y z
-    frame_rate: float  # samples per second [Hz]; 0 if the file does not say
-    others: tuple[str, ...]  # labels of further subjects, who are not read
-
-
-def read_mvnx(path: str | os.PathLike[str]) -> Mvnx:
-    """Reads the first subject of an MVNX file.
+def mvnx_performer(path: Path, name: str, options: MotionOptions) -> Performer:
+    """The performer of an MVNX file: its first subject.
 
     Raises:
-        MotionError: it cannot be read, is damaged, or has no poses of segments; the
-            message names the line or the frame.
+        MotionError: it cannot be read, is damaged, or has no poses of segments (the
+            message names the line or the frame); a segment is missing, the file says no
+            rate, or an option is given that it does not need.
     """
-    path = Path(path)
     try:
-        return _read(path)
+        recording = _read(path, name, options)
     except ElementTree.ParseError as error:
         line, column = error.position
         raise MotionError(
@@ -57,10 +83,12 @@ def read_mvnx(path: str | os.PathLike[str]) -> Mvnx:
         raise MotionError(f"{path}: the file is damaged: {error}") from None
     except OSError as error:
         raise MotionError(f"{path}: cannot be read: {error.strerror}") from error
+    return assemble(recording, options)
 
 
-def _read(path: Path) -> Mvnx:
-    subjects, segments, rate = [], [], None
+def _read(path: Path, name: str, options: MotionOptions) -> Recording:
+    options.refuse(("unit", "up", "joints"), f"motion {name} is an MVNX")
+    subjects, segments, stated = [], [], None
     rows: dict[str, list[np.ndarray]] = {key: [] for key in _COLUMNS}
     events = ElementTree.iterparse(path, ("start", "end"))
     for number, (event, element) in enumerate(events):
@@ -70,7 +98,7 @@ def _read(path: Path) -> Mvnx:
         if event == "start":
             if tag == "subject":
                 subjects.append(printable(element.get("label", "")))
-                rate = element.get("frameRate") if rate is None else rate
+                stated = element.get("frameRate") if stated is None else stated
             continue
         if tag == "segment" and len(subjects) == 1:
             segments.append(printable(element.get("label", "")))
@@ -82,18 +110,9 @@ def _read(path: Path) -> Mvnx:
     if not segments or not rows["position"]:
         what = "frames with poses" if segments else "segments"
         raise MotionError(f"{path}: it has no {what}")
-    shaped = {}
-    for key, columns in _COLUMNS.items():
-        expected = columns * len(segments)
-        for k, row in enumerate(rows[key]):
-            if len(row) != expected or not np.isfinite(row).all():
-                raise MotionError(
-                    f"{path}, frame {k + 1}: {key} has {len(row)} numbers, or one that "
-                    f"is none; {len(segments)} segments have {expected}"
-                )
-        shaped[key] = np.array(rows[key]).reshape(-1, len(segments), columns)
-    refuse_far(str(path), shaped["position"])
-    lengths = np.linalg.norm(shaped["orientation"], axis=2)
+    p, Q = (_shaped(path, key, rows[key], len(segments)) for key in _COLUMNS)
+    refuse_far(str(path), p)
+    lengths = np.linalg.norm(Q, axis=2)
     off = np.argwhere(np.abs(lengths - 1.0) > 0.01)
     if len(off):
         frame, segment = off[0]
@@ -101,13 +120,57 @@ def _read(path: Path) -> Mvnx:
             f"{path}, frame {frame + 1}: the orientation of {segments[segment]} has "
             f"length {lengths[frame, segment]:.3g}, and is no rotation"
         )
-    return Mvnx(
-        tuple(segments),
-        shaped["position"],
-        shaped["orientation"],
-        one_rate(str(path), None if rate is None else float(rate)),
-        tuple(subjects[1:]),
+    rate, rate_source = options.rate_of(
+        name, one_rate(str(path), None if stated is None else float(stated))
     )
+    Q = Q[:, :, [1, 2, 3, 0]]
+    R = Rotation.from_quat(Q.reshape(-1, 4)).as_matrix().reshape(*Q.shape[:2], 3, 3)
+    index = {label: i for i, label in enumerate(segments)}
+    parents = tuple(index.get(_PARENT.get(label), -1) for label in segments)
+    tree = SegmentTree(
+        tuple(segments), parents, np.moveaxis(p, 1, 0), np.moveaxis(R, 1, 0)
+    )
+    found = {j: index[label] for j, label in _SEGMENT_OF.items() if label in index}
+    # Fingers point outwards at rest, thumbs ahead.
+    hands = {
+        f"{side}_hand": (
+            way * tree.rotations[found[f"{side}_wrist"]][:, :, 1],
+            tree.rotations[found[f"{side}_wrist"]][:, :, 0],
+        )
+        for side, way in (("left", 1.0), ("right", -1.0))
+        if f"{side}_wrist" in found
+    }
+    others = ", ".join(label or "without a name" for label in subjects[1:])
+    return Recording(
+        name=name,
+        format="MVNX",
+        frame_rate=rate,
+        rate_source=rate_source,
+        positions={joint: tree.positions[i] for joint, i in found.items()},
+        joints={joint: f"{segments[i]}'s origin" for joint, i in found.items()},
+        rotations={joint: tree.rotations[i] for joint, i in found.items()},
+        body_axes=np.eye(3),
+        hands=hands,
+        unit_fact=Fact("unit", "m", "assumed", "as the format has it"),
+        up="+z",
+        bones=len(segments),
+        bones_called="segments",
+        same=repeated(Q.reshape(len(Q), -1)),
+        notes=(f"other subjects in the file: {others}",) * bool(others),
+        **tree.described(found),
+    )
+
+
+def _shaped(path: Path, key: str, rows: list[np.ndarray], count: int) -> np.ndarray:
+    """(T, count, k) finite numbers of as many segments."""
+    expected = _COLUMNS[key] * count
+    for k, row in enumerate(rows, start=1):
+        if len(row) != expected or not np.isfinite(row).all():
+            raise MotionError(
+                f"{path}, frame {k}: {key} has {len(row)} numbers, or one that is "
+                f"none; {count} segments have {expected}"
+            )
+    return np.array(rows).reshape(-1, count, _COLUMNS[key])
 
 
 def _row(path: Path, frame: ElementTree.Element, number: int) -> dict[str, np.ndarray]:

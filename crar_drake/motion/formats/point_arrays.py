@@ -9,15 +9,14 @@ nothing.
 """
 
 import csv
-import os
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from crar_drake.errors import MotionError, NoMotionError, printable
 from crar_drake.motion.array_files import load_arrays
+from crar_drake.motion.performers.points import RecordedPoints
 from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.point_layouts import are_numbered
 from crar_drake.motion.text_files import read_motion_text
@@ -28,34 +27,22 @@ RATES = ("frame_rate", "fps", "mocap_framerate", "mocap_frame_rate", "framerate"
 _UNIT = "unit"
 
 
-@dataclass(frozen=True)
-class PointArrays:
-    """Points over time."""
-
-    names: tuple[str, ...]  # (J,) of the points; empty if the file has none
-    positions: np.ndarray  # (T, J, 3) [file units]; NaN where a point is missing
-    frame_rate: float  # samples per second [Hz]; 0 if the file does not say
-    unit: str = ""  # what the file says, or ""
-    doubts: tuple[str, ...] = ()  # as in `Performer`
-
-
-def read_point_arrays(path: str | os.PathLike[str]) -> PointArrays:
+def read_point_arrays(path: Path) -> RecordedPoints:
     """Reads an NPZ, NPY or CSV file of points.
 
     Raises:
         MotionError: the file is missing, damaged, or has no array (T, J, 3); of a CSV
             the message names file and line.
     """
-    path = Path(path)
     if path.suffix.lower() == ".csv":
         return _read_csv(path)
     arrays = load_arrays(path)
     if path.suffix.lower() == ".npy":
-        return PointArrays((), _checked(path, "the array", arrays[""]), 0.0)
+        return RecordedPoints((), _checked(path, "the array", arrays[""]), 0.0)
     return _of_npz(path, arrays)
 
 
-def _of_npz(path: Path, arrays: dict[str, np.ndarray]) -> PointArrays:
+def _of_npz(path: Path, arrays: dict[str, np.ndarray]) -> RecordedPoints:
     def first(names: tuple[str, ...]) -> np.ndarray | None:
         return next((arrays[name] for name in names if name in arrays), None)
 
@@ -85,7 +72,7 @@ def _of_npz(path: Path, arrays: dict[str, np.ndarray]) -> PointArrays:
         raise MotionError(
             f"{path}: {len(listed)} names for {positions.shape[1]} points"
         )
-    return PointArrays(
+    return RecordedPoints(
         listed,
         positions,
         one_rate(str(path), rate),
@@ -121,7 +108,7 @@ def _checked(path: Path, what: str, array: np.ndarray) -> np.ndarray:
     return positions
 
 
-def _read_csv(path: Path) -> PointArrays:
+def _read_csv(path: Path) -> RecordedPoints:
     lines = read_motion_text(path).split("\n")
     # A comment is an empty row, so that lines keep their numbers.
     rows = csv.reader("" if line.startswith("#") else line for line in lines)
@@ -160,7 +147,7 @@ def _read_csv(path: Path) -> PointArrays:
     if not values:
         raise MotionError(f"{path}: the motion has no frames")
     positions = np.array(values).reshape(len(values), -1, 3)
-    return PointArrays(
+    return RecordedPoints(
         () if are_numbered(tuple(points)) else tuple(points),
         _checked(path, "the columns", positions),
         _even_rate(path, times),

@@ -32,13 +32,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.array_files import load_arrays, npz_names
 from crar_drake.motion.formats.point_arrays import RATES, one_rate
+from crar_drake.motion.options import MotionOptions
+from crar_drake.motion.performer import JOINTS, Fact, Performer, repeated
+from crar_drake.motion.performers.assemble import Recording, assemble
 from crar_drake.motion.plain_pickle import read_plain_pickle
 from crar_drake.motion.plausible import refuse_far
-from crar_drake.motion.smpl_skeleton import NAMES, offsets_of
+from crar_drake.motion.point_layouts import joints_of_layout
+from crar_drake.motion.segment_tree import tree_of_turns
+from crar_drake.motion.smpl_skeleton import (
+    BODY_AXES,
+    MEAN_OFFSETS,
+    NAMES,
+    PARENTS,
+    offsets_of,
+)
 
 # Turns, side by side, and the translation.
 _KEYS = (
@@ -76,22 +88,31 @@ def holds_smpl(path: Path) -> bool:
     return _found(npz_names(path)) is not None
 
 
-def read_smpl(path: str | os.PathLike[str]) -> SmplMotion:
-    """Reads an NPZ with the keys of AMASS or of the package smplx.
+def smpl_performer(path: Path, name: str, options: MotionOptions) -> Performer:
+    """The performer of an NPZ with the keys of AMASS or of the package smplx.
+
+    Without the model's own file (`options.skeleton`) its lengths are the mean ones,
+    whatever the person's. Turns are the person's; the floor is then where that body
+    comes lowest.
 
     Raises:
-        MotionError: the file is missing or damaged, or an array is of another shape.
+        MotionError: the file is missing or damaged, an array is of another shape, the
+            file says no rate, or an option is given that it does not need.
     """
-    path = Path(path)
-    return _smpl_of(str(path), load_arrays(path, _USED))
+    return _performer(_smpl_of(str(path), load_arrays(path, _USED)), name, options)
 
 
-def read_wham(path: str | os.PathLike[str]) -> SmplMotion:
-    """Reads a pickle of WHAM: the person who is seen longest, the longest time.
+def wham_performer(path: Path, name: str, options: MotionOptions) -> Performer:
+    """The performer of a pickle of WHAM: who is seen longest, the longest time.
 
     Raises:
-        MotionError: as `read_smpl`, or it holds more than arrays and plain data.
+        MotionError: as of `smpl_performer`, or it holds more than arrays and plain
+            data.
     """
+    return _performer(_read_wham(path), name, options)
+
+
+def _read_wham(path: Path) -> SmplMotion:
     held = read_plain_pickle(path)
     people = {
         name: person
@@ -167,7 +188,60 @@ def _smpl_of(where: str, arrays: Mapping[str, object]) -> SmplMotion:
     )
 
 
-def read_smpl_offsets(path: str | os.PathLike[str], betas: np.ndarray) -> np.ndarray:
+def _performer(motion: SmplMotion, name: str, options: MotionOptions) -> Performer:
+    options.refuse(("unit", "joints"), f"motion {name} is of {motion.model}")
+    rate, rate_source = options.rate_of(name, motion.frame_rate)
+    if options.skeleton:
+        offsets = _own_offsets(options.skeleton, motion.betas)
+        lengths = Fact("lengths", "of the body's shape", "given", options.skeleton)
+    else:
+        offsets = MEAN_OFFSETS[motion.model]
+        ignored = "betas are ignored" if motion.betas.size else "no betas"
+        lengths = Fact("lengths", f"the mean {motion.model} body's", "assumed", ignored)
+    turns = Rotation.from_rotvec(motion.turns.reshape(-1, 3)).as_matrix()
+    turns = turns.reshape(*motion.turns.shape[:2], 3, 3).swapaxes(0, 1)
+    # The pelvis turns about itself: its offset does not turn.
+    root = motion.translations + offsets[0]
+    tree = tree_of_turns(NAMES, PARENTS, [root, *offsets[1:]], turns)
+    index = joints_of_layout(NAMES, JOINTS)
+    # Fingers point outwards at rest, thumbs ahead: x and z of the model.
+    hands = {
+        f"{side}_hand": (
+            way * tree.rotations[index[f"{side}_wrist"]][:, :, 0],
+            tree.rotations[index[f"{side}_wrist"]][:, :, 2],
+        )
+        for side, way in (("left", 1.0), ("right", -1.0))
+    }
+    return assemble(
+        Recording(
+            name=name,
+            format=motion.model,
+            frame_rate=rate,
+            rate_source=rate_source,
+            positions={joint: tree.positions[i] for joint, i in index.items()},
+            joints={joint: NAMES[i] for joint, i in index.items()},
+            rotations={joint: tree.rotations[i] for joint, i in index.items()},
+            body_axes=BODY_AXES,
+            floor_unknown=not options.skeleton,
+            hands=hands,
+            unit_fact=Fact("unit", "m", "assumed", "as the model has it"),
+            bones=len(NAMES),
+            bones_called="joints",
+            same=repeated(
+                np.hstack(
+                    [motion.translations, motion.turns.reshape(len(motion.turns), -1)]
+                )
+            ),
+            notes=motion.notes,
+            up=motion.up,
+            facts=(lengths,),
+            **tree.described(index),
+        ),
+        options,
+    )
+
+
+def _own_offsets(path: str | os.PathLike[str], betas: np.ndarray) -> np.ndarray:
     """(22, 3) offsets of the joints [m] of a body model's own file, for a shape.
 
     Args:

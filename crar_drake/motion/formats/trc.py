@@ -14,28 +14,25 @@ OpenSim's `TRCFileAdapter.cpp`; files of hsorby/trc-data-reader and of
 perfanalytics/pose2sim.
 """
 
-import os
 from pathlib import Path
 
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.formats.c3d import Markers
-from crar_drake.motion.formats.point_arrays import PointArrays, one_rate
-from crar_drake.motion.marker_sets import choose_markers
+from crar_drake.motion.formats.point_arrays import one_rate
+from crar_drake.motion.performers.points import RecordedPoints
 from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.text_files import read_motion_text
 
 _UNITS = {"m": "m", "meters": "m", "cm": "cm", "mm": "mm", "in": "in"}
 
 
-def read_trc(path: str | os.PathLike[str]) -> Markers | PointArrays:
-    """Reads a TRC file: markers, if they are of a known set, else points with names.
+def read_trc(path: Path) -> RecordedPoints:
+    """Reads a TRC file.
 
     Raises:
         MotionError: it cannot be read, is damaged or none; the message names the line.
     """
-    path = Path(path)
     text = read_motion_text(path).split("\n")
     lines = [(i, line) for i, line in enumerate(text, start=1) if line.strip()]
     if len(lines) < 5 or not lines[0][1].startswith("PathFileType"):
@@ -70,11 +67,7 @@ def read_trc(path: str | os.PathLike[str]) -> Markers | PointArrays:
     positions[~np.isfinite(positions).all(axis=2)] = np.nan
     refuse_far(str(path), positions)
     doubts = _cut_off(header.get("NumFrames", ""), len(rows))
-    try:
-        choose_markers(labels, str(path))
-    except MotionError:
-        return PointArrays(labels, positions, rate, unit, doubts)
-    return Markers(labels, positions, rate, unit, {}, "TRC", doubts)
+    return RecordedPoints(labels, positions, rate, unit, doubts=doubts)
 
 
 def _cut_off(stated: str, count: int) -> tuple[str, ...]:

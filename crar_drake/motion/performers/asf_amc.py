@@ -6,11 +6,11 @@ import numpy as np
 
 from crar_drake.motion.formats.asf_amc import (
     CMU_LENGTH,
-    BonePoses,
     Clip,
     Skeleton,
-    forward_kinematics,
-    rest_pose,
+    bone_end,
+    clip_tree,
+    rest_tree,
 )
 from crar_drake.motion.performer import (
     ARM,
@@ -18,31 +18,24 @@ from crar_drake.motion.performer import (
     Fact,
     Performer,
     heading_of,
-    hung_on,
     repeated,
-    turning,
 )
 from crar_drake.motion.plausible import HEIGHTS, USUAL_HEIGHT
+from crar_drake.motion.segment_tree import SegmentTree
 
 # Joint centre: the bone at whose start it lies ("root" for the root itself).
-_BONE_OF = {
-    "pelvis": "root",
-    "neck": "lowerneck",
-    "head": "head",
-    "left_shoulder": "lhumerus",
-    "left_elbow": "lradius",
-    "left_wrist": "lwrist",
-    "right_shoulder": "rhumerus",
-    "right_elbow": "rradius",
-    "right_wrist": "rwrist",
-    "left_hip": "lfemur",
-    "left_knee": "ltibia",
-    "left_ankle": "lfoot",
-    "left_toe": "ltoes",
-    "right_hip": "rfemur",
-    "right_knee": "rtibia",
-    "right_ankle": "rfoot",
-    "right_toe": "rtoes",
+_BONE_OF = {"pelvis": "root", "neck": "lowerneck", "head": "head"} | {
+    f"{side}_{joint}": side[0] + bone
+    for side in SIDES
+    for joint, bone in (
+        ("shoulder", "humerus"),
+        ("elbow", "radius"),
+        ("wrist", "wrist"),
+        ("hip", "femur"),
+        ("knee", "tibia"),
+        ("ankle", "foot"),
+        ("toe", "toes"),
+    )
 }
 
 # What today's robots follow.
@@ -76,40 +69,34 @@ def asf_amc_performer(clip: Clip) -> Performer:
     A skeleton that lacks bones which a robot needs is no error; the performer's
     `obstacle` says what it lacks.
     """
-    skeleton = clip.skeleton
-    poses = forward_kinematics(clip)
-    rest = rest_pose(skeleton)
-    height = _height(rest)
-    lowest = min(end[0, 1] for end in rest.end.values())
-    bones = {
-        joint: bone
+    skeleton, tree, rest = clip.skeleton, clip_tree(clip), rest_tree(clip.skeleton)
+    heights = [float(bone_end(skeleton, rest, name)[0, 1]) for name in skeleton.bones]
+    lowest, highest = min([0.0, *heights]), max([0.0, *heights])
+    segment = {
+        joint: tree.names.index(bone)
         for joint, bone in _BONE_OF.items()
-        if bone == "root" or bone in skeleton.bones
+        if bone in tree.names
     }
-    hands, hands_obstacle = _hands(clip, rest, poses)
-    parents = {bone.name: bone.parent for bone in skeleton.bones.values()}
+    hands, hands_obstacle = _hands(clip, rest, tree)
     unit = f"{1e3 * skeleton.metres_per_unit:.4g} mm"
     return Performer(
         name=clip.name,
         format="ASF/AMC",
         frame_rate=clip.frame_rate,
         rate_source=clip.rate_source,
-        positions={
-            joint: robot_frame(poses.start[bone]) for joint, bone in bones.items()
-        },
+        positions={j: robot_frame(tree.positions[i]) for j, i in segment.items()},
         orientations={
-            joint: _robot_rotation(poses.rotation[bone])
-            for joint, bone in bones.items()
+            j: _robot_rotation(tree.rotations[i]) for j, i in segment.items()
         },
         hands=hands,
-        heading=heading_of(_robot_rotation(poses.rotation["root"])),
-        hip_height=float(-lowest),
-        height=height,
+        heading=heading_of(_robot_rotation(tree.rotations[0])),
+        hip_height=-lowest,
+        height=highest - lowest,
         up="+y",
         facing="+z",
         joints={
-            joint: "root" if bone == "root" else f"{bone}'s start"
-            for joint, bone in bones.items()
+            joint: f"{tree.names[i]}'s start" if i else "root"
+            for joint, i in segment.items()
         },
         facts=(
             Fact("unit", unit, "file", "length of :units"),
@@ -117,14 +104,13 @@ def asf_amc_performer(clip: Clip) -> Performer:
             Fact("facing", "+z", "assumed", "as in the CMU database"),
         ),
         bones=len(skeleton.bones),
-        turns=_turns(clip, poses),
-        carriers={joint: hung_on(bone, parents) for joint, bone in bones.items()},
         same=repeated(
             np.hstack([clip.root_position, clip.root_rotation, *clip.joints.values()])
         ),
-        doubts=(*_doubt_angles(clip), *_doubt_height(skeleton, height)),
-        obstacle=_obstacle(clip, float(lowest)),
+        doubts=(*_doubt_angles(clip), *_doubt_height(skeleton, highest - lowest)),
+        obstacle=_obstacle(clip, lowest),
         hands_obstacle=hands_obstacle,
+        **tree.described(segment),
     )
 
 
@@ -146,18 +132,6 @@ def _obstacle(clip: Clip, lowest: float) -> str:
     return ""
 
 
-def _turns(clip: Clip, poses: BonePoses) -> dict[str, np.ndarray]:
-    """Compares rotations, not angles: 359 degrees beside -1 degree is no turn."""
-    turns = {}
-    for name, R_WB in poses.rotation.items():
-        R_PB = R_WB
-        if name != "root":
-            R_WP = poses.rotation[clip.skeleton.bones[name].parent]
-            R_PB = np.swapaxes(R_WP, 1, 2) @ R_WB
-        turns[name] = turning(R_PB)
-    return turns
-
-
 def _robot_rotation(R_file: np.ndarray) -> np.ndarray:
     """Rotations (..., 3, 3) of the y-up file's axes in the robot's: (z, x, y)."""
     order = np.ix_([2, 0, 1], [2, 0, 1])
@@ -168,7 +142,7 @@ def _robot_rotation(R_file: np.ndarray) -> np.ndarray:
 
 
 def _hands(
-    clip: Clip, rest: BonePoses, poses: BonePoses
+    clip: Clip, rest: SegmentTree, tree: SegmentTree
 ) -> tuple[dict[str, np.ndarray], str]:
     """R_WH of the hands, or why there are none."""
     skeleton = clip.skeleton
@@ -181,7 +155,8 @@ def _hands(
         )
     rotations = {}
     for hand, bone in _HAND_BONES.items():
-        R_rest = rest.rotation[bone][0]
+        i = tree.names.index(bone)
+        R_rest = rest.rotations[i][0]
         fingers = R_rest @ skeleton.bones[bone].direction
         x = robot_frame(fingers) / np.linalg.norm(fingers)
         z = np.array([1.0, 0.0, 0.0]) - x[0] * x
@@ -193,18 +168,12 @@ def _hands(
             )
         z /= np.linalg.norm(z)
         R_WH_rest = np.stack([x, np.cross(z, x), z], axis=1)
-        turned = _robot_rotation(poses.rotation[bone] @ R_rest.T)
+        turned = _robot_rotation(tree.rotations[i] @ R_rest.T)
         rotations[hand] = turned @ R_WH_rest
     return rotations, ""
 
 
 # --- implausible as a whole -------------------------------------------------------
-
-
-def _height(rest: BonePoses) -> float:
-    """From the lowest to the highest end of a bone at rest [m]."""
-    heights = [float(end[0, 1]) for end in rest.end.values()]
-    return max(heights) - min(heights)
 
 
 def _doubt_height(skeleton: Skeleton, height: float) -> Iterator[str]:

@@ -8,9 +8,8 @@ import numpy as np
 from crar_drake.motion.file_frame import body_forward, seems_mirrored
 from crar_drake.motion.formats.bvh import (
     Bvh,
-    BvhPoses,
     added_positions,
-    bvh_kinematics,
+    bvh_tree,
     rest_positions,
 )
 from crar_drake.motion.options import MotionOptions
@@ -22,7 +21,6 @@ from crar_drake.motion.performer import (
     Points,
     repeated,
     sides_swapped,
-    turning,
 )
 from crar_drake.motion.performers.assemble import (
     MIRRORED,
@@ -30,8 +28,9 @@ from crar_drake.motion.performers.assemble import (
     assemble,
     frames_apart,
 )
-from crar_drake.motion.performers.bvh_joints import SHORT, JointMatch
+from crar_drake.motion.performers.bvh_joints import SHORT, find_joints
 from crar_drake.motion.rates import SLOWEST, rate_meant
+from crar_drake.motion.segment_tree import SegmentTree
 
 # In a standing rest pose, legs point away from the neck by more than this.
 _AWAY = -0.8  # cosine
@@ -46,23 +45,22 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
         MotionError: it has no two arms and legs, too few frames, or lengths that are
             a person's in no unit; the message says what was found.
     """
-    poses = bvh_kinematics(bvh)
-    match = JointMatch(bvh, poses, name, options)
-    found = match.joints()
+    tree = bvh_tree(bvh)
+    found, told_by_shape = find_joints(tree, name, options.joints)
     notes, doubts = [], []
     guessed = frozenset({"neck"} - set(found))
 
-    def points_of(p: np.ndarray) -> dict[str, np.ndarray]:
+    def points_of(p) -> dict[str, np.ndarray]:
         points = {joint: p[i] for joint, i in found.items() if joint in JOINTS}
         if guessed:
             points["neck"] = (points["left_shoulder"] + points["right_shoulder"]) / 2.0
         return points
 
-    points = points_of(poses.positions)
+    points = points_of(tree.positions)
     if seems_mirrored(points) and not options.joints:
         found = sides_swapped(found)
         doubts.append(MIRRORED)
-        points = points_of(poses.positions)
+        points = points_of(tree.positions)
     rate = _rate(bvh, name, options, notes)
     kept = _kept(bvh, points, rate, notes)
     added = [bvh.joints[j].name for j in added_positions(bvh)]
@@ -72,61 +70,48 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
             + (f" and {len(added) - 1} more joints" if len(added) > 1 else "")
             + " are about 0 beside their OFFSET: added to it"
         )
-    points = {joint: q[kept] for joint, q in points.items()}
-    rotations = {
-        joint: poses.rotations[i][kept] for joint, i in found.items() if joint in points
-    }
+    tree = tree.during(kept)
     labels = {
-        joint: bvh.joints[i].name or f"end of {bvh.joints[bvh.joints[i].parent].name}"
+        joint: tree.names[i] or f"end of {tree.names[tree.parents[i]]}"
         for joint, i in found.items()
-        if joint in points
+        if joint in JOINTS
     }
     if guessed:
         labels["neck"] = "between the shoulders"
-    rest_all = rest_positions(bvh, poses)
+    rest_all = rest_positions(bvh, tree)
     rest = points_of(rest_all)
     if not _stands(rest):
         rest, rest_all = {}, None
-    hands, hands_obstacle = _hands(bvh, poses, found, rest, rest_all, name)
-    turns = {
-        _bone(bvh, j): turning(poses.local[j][kept])
-        for j, joint in enumerate(bvh.joints)
-        if any(channel.endswith("rotation") for channel in joint.channels)
-    }
+    hands, hands_obstacle = _hands(tree, found, rest, rest_all, name)
+    facts = [_pose_fact(rest)]
+    if told_by_shape:
+        limbs = " and ".join(f"{limb}s" for limb in told_by_shape)
+        why = "names do not tell them; --joints says otherwise"
+        facts.insert(0, Fact(limbs, "by the shape of the tree", "inferred", why))
     return assemble(
         Recording(
             name=name,
             format="BVH",
             frame_rate=rate,
             rate_source="file" if options.frame_rate is None else "given",
-            positions=points,
+            positions=points_of(tree.positions),
             joints=labels,
             guessed=guessed,
             rest=rest,
-            rotations=rotations,
-            pelvis_up=_pelvis_up(bvh, poses, found)[kept],
-            hands={
-                hand: tuple(v[kept] for v in vectors) for hand, vectors in hands.items()
-            },
+            rotations={joint: tree.rotations[found[joint]] for joint in labels},
+            pelvis_up=_pelvis_up(tree, found),
+            hands=hands,
             hands_obstacle=hands_obstacle,
-            bones=sum(bool(joint.name) for joint in bvh.joints),
+            bones=sum(bool(joint) for joint in tree.names),
             bones_called="joints",
-            turns=turns,
-            carriers={
-                joint: frozenset(_bone(bvh, k) for k in bvh.path(i)[:-1])
-                for joint, i in found.items()
-            },
             same=repeated(bvh.values[kept]),
             doubts=tuple(doubts),
             notes=tuple(notes),
-            facts=(*_match_facts(match), _pose_fact(rest)),
+            facts=tuple(facts),
+            **tree.described(found),
         ),
         options,
     )
-
-
-def _bone(bvh: Bvh, index: int) -> str:
-    return bvh.joints[index].name or f"joint {index + 1}"
 
 
 def _rate(bvh: Bvh, name: str, options: MotionOptions, notes: list[str]) -> float:
@@ -168,12 +153,12 @@ def _kept(bvh: Bvh, points: Points, rate: float, notes: list[str]) -> slice:
 
 def _at_rest(bvh: Bvh) -> np.ndarray:
     """(T,) whether all joints but the roots are turned by nothing."""
-    columns, column = [], 0
-    for joint in bvh.joints:
-        for channel in joint.channels:
-            if joint.parent >= 0 and channel.endswith("rotation"):
-                columns.append(column)
-            column += 1
+    columns = [
+        column
+        for j, joint in enumerate(bvh.joints)
+        for channel, column in bvh.columns(j).items()
+        if joint.parent >= 0 and channel.endswith("rotation")
+    ]
     return np.abs(bvh.values[:, columns]).max(axis=1, initial=0.0) < _NOT_TURNED
 
 
@@ -196,15 +181,6 @@ def _stands(rest: Points) -> bool:
     )
 
 
-def _match_facts(match: JointMatch) -> list[Fact]:
-    """Which joints names did not tell."""
-    if not match.told_by_tree:
-        return []
-    limbs = " and ".join(f"{limb}s" for limb in match.told_by_tree)
-    why = "names do not tell them; --joints says otherwise"
-    return [Fact(limbs, "by the shape of the tree", "inferred", why)]
-
-
 def _pose_fact(rest: Points) -> Fact:
     if not rest:
         return Fact("rest pose", "not a standing person's", "inferred")
@@ -220,22 +196,22 @@ def _pose_fact(rest: Points) -> Fact:
     return Fact("rest pose", pose, "file")
 
 
-def _pelvis_up(bvh: Bvh, poses: BvhPoses, found: Mapping[str, int]) -> np.ndarray:
+def _pelvis_up(tree: SegmentTree, found: Mapping[str, int]) -> np.ndarray:
     """(T, 3) up in the pelvis: from between the hips to what is fixed above them.
 
     That is the spine's first joint, unless it lies in the pelvis itself: what comes
     after it turns against the pelvis. Then it is the pelvis's own origin, unless that
     lies between the hips.
     """
-    p = poses.positions
+    p = tree.positions
     hips = (p[found["left_hip"]] + p[found["right_hip"]]) / 2.0
     pelvis, above = found["pelvis"], found.get("neck", found["left_shoulder"])
-    least = SHORT * np.linalg.norm(p[found["left_knee"], 0] - p[found["left_hip"], 0])
-    path = bvh.path(above)
+    least = SHORT * np.linalg.norm(p[found["left_knee"]][0] - p[found["left_hip"]][0])
+    path = tree.path(above)
     spine = path[path.index(pelvis) + 1 :] if pelvis in path else [above]
     for fixed in (spine[0], pelvis):
         origin = p[pelvis] if fixed != pelvis else hips
-        if np.linalg.norm(p[fixed, 0] - origin[0]) > least:
+        if np.linalg.norm(p[fixed][0] - origin[0]) > least:
             return p[fixed] - hips
     return p[above] - hips
 
@@ -244,8 +220,7 @@ def _pelvis_up(bvh: Bvh, poses: BvhPoses, found: Mapping[str, int]) -> np.ndarra
 
 
 def _hands(
-    bvh: Bvh,
-    poses: BvhPoses,
+    tree: SegmentTree,
     found: Mapping[str, int],
     rest: Points,
     rest_all: np.ndarray | None,
@@ -256,27 +231,20 @@ def _hands(
     To the fingertips points the mean of what hangs on the wrist but the thumb, or else
     the forearm; the thumb's side is the thumb's, or the front of a standing rest pose.
     """
-    children: dict[int, list[int]] = {}
-    for j, joint in enumerate(bvh.joints):
-        children.setdefault(joint.parent, []).append(j)
+    p = tree.positions
 
     def below(index: int) -> list[int]:
-        result = []
-        for child in children.get(index, []):
-            result += [child, *below(child)]
-        return result
+        return [j for j in range(len(p)) if index in tree.path(j)[:-1]]
 
     result = {}
     for side in SIDES:
         wrist, elbow = found[f"{side}_wrist"], found[f"{side}_elbow"]
-        R = poses.rotations[wrist]
-        p = poses.positions
+        R = tree.rotations[wrist]
         thumb = found.get(f"{side}_thumb")
         thumbs = [thumb, *below(thumb)] if thumb is not None else []
-
-        least = SHORT * float(np.linalg.norm(p[wrist, 0] - p[elbow, 0]))
+        least = SHORT * float(np.linalg.norm(p[wrist][0] - p[elbow][0]))
         others = [i for i in below(wrist) if i not in thumbs]
-        fingers = _rigid(poses, rest_all, wrist, others, least)
+        fingers = _rigid(tree, rest_all, wrist, others, least)
         x = (
             np.einsum("tij,j->ti", R, fingers)
             if fingers is not None
@@ -285,14 +253,14 @@ def _hands(
         ahead = fingers
         if ahead is None:
             ahead = np.median(np.einsum("tji,tj->ti", R, x), axis=0)
-        to_thumb = _rigid(poses, rest_all, wrist, thumbs, least)
+        to_thumb = _rigid(tree, rest_all, wrist, thumbs, least)
         if _along(to_thumb, ahead) and rest:
             to_thumb = body_forward(rest)
         if _along(to_thumb, ahead):
             to_thumb = None
         if to_thumb is None:
             return {}, (
-                f"motion {name}: {bvh.joints[wrist].name} has no thumb, and the "
+                f"motion {name}: {tree.names[wrist]} has no thumb, and the "
                 "skeleton at rest does not tell the thumb's side; track positions only"
             )
         result[f"{side}_hand"] = x, np.einsum("tij,j->ti", R, to_thumb)
@@ -307,7 +275,7 @@ def _along(v: np.ndarray | None, x: np.ndarray) -> bool:
 
 
 def _rigid(
-    poses: BvhPoses, rest: np.ndarray | None, joint: int, others: list[int], least
+    tree: SegmentTree, rest: np.ndarray | None, joint: int, others: list[int], least
 ) -> np.ndarray | None:
     """(3,) mean, in a joint's own axes, of those farther from it than `least`.
 
@@ -319,8 +287,8 @@ def _rigid(
         if rest is not None:
             q = rest[i] - rest[joint]
         else:
-            p = poses.positions[i] - poses.positions[joint]
-            p_J = np.einsum("tji,tj->ti", poses.rotations[joint], p)
+            p = tree.positions[i] - tree.positions[joint]
+            p_J = np.einsum("tji,tj->ti", tree.rotations[joint], p)
             q = np.median(p_J, axis=0)
         if np.linalg.norm(q) > least:
             offsets.append(q)

@@ -11,10 +11,11 @@ from crar_drake.errors import MotionError
 from crar_drake.motion.formats.asf_amc import (
     Clip,
     Skeleton,
-    forward_kinematics,
+    bone_end,
+    clip_tree,
     read_amc,
     read_asf,
-    rest_pose,
+    rest_tree,
 )
 from tests.amc_files import write_amc, write_asf
 
@@ -178,7 +179,7 @@ def test_frame_rate(toy, tmp_path, name, header, override, rate) -> None:
 
 def test_rotations_against_scipy(toy: Skeleton, tmp_path: Path) -> None:
     clip = read_amc(_write(tmp_path / "m.amc", AMC), toy)
-    poses = forward_kinematics(clip)
+    tree = clip_tree(clip)
     # Lower-case letters are SciPy's fixed axes: Rz Ry Rx.
     root = Rotation.from_euler("xyz", [[10, 20, 30], [370, 20, 30]], degrees=True)
     C = Rotation.from_euler("xyz", [10, 20, 30], degrees=True)
@@ -187,20 +188,22 @@ def test_rotations_against_scipy(toy: Skeleton, tmp_path: Path) -> None:
     shin = thigh * Rotation.from_euler("y", [[0], [45]], degrees=True)
     for name, expected in {"root": root, "thigh": thigh, "shin": shin}.items():
         np.testing.assert_allclose(
-            poses.rotation[name], expected.as_matrix(), atol=1e-12
+            tree.rotations[tree.names.index(name)], expected.as_matrix(), atol=1e-12
         )
     knee = (
         np.array([9, 18, 27]) * LENGTH
         + root.apply([0, -2 * LENGTH, 0])
         + thigh.apply([0, -4 * LENGTH, 0])
     )
-    np.testing.assert_allclose(poses.end["thigh"], knee, atol=1e-12)
+    np.testing.assert_allclose(bone_end(toy, tree, "thigh"), knee, atol=1e-12)
 
 
 def test_rest_pose_lays_bones_end_to_end(toy: Skeleton) -> None:
-    rest = rest_pose(toy)
-    np.testing.assert_allclose(rest.end["shin"], [[0, -9.5 * LENGTH, 0]], atol=1e-15)
-    np.testing.assert_allclose(rest.rotation["shin"], [np.eye(3)], atol=1e-15)
+    rest = rest_tree(toy)
+    np.testing.assert_allclose(
+        bone_end(toy, rest, "shin"), [[0, -9.5 * LENGTH, 0]], atol=1e-15
+    )
+    np.testing.assert_allclose(rest.rotations[-1], [np.eye(3)], atol=1e-15)
 
 
 # --- round trip -------------------------------------------------------------------
@@ -230,8 +233,9 @@ def test_round_trip(toy: Skeleton, tmp_path: Path) -> None:
         np.testing.assert_allclose(again.joints[bone], clip.joints[bone], atol=1e-9)
         assert skeleton.bones[bone].dof == toy.bones[bone].dof
         np.testing.assert_allclose(skeleton.bones[bone].limits, toy.bones[bone].limits)
-    before, after = forward_kinematics(clip), forward_kinematics(again)
-    np.testing.assert_allclose(after.end["shin"], before.end["shin"], atol=1e-9)
+    before = bone_end(toy, clip_tree(clip), "shin")
+    after = bone_end(skeleton, clip_tree(again), "shin")
+    np.testing.assert_allclose(after, before, atol=1e-9)
 
 
 def test_round_degrees_stay_short(toy: Skeleton, tmp_path: Path) -> None:

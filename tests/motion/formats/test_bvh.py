@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.formats.bvh import bvh_kinematics, read_bvh
+from crar_drake.motion.formats.bvh import bvh_tree, read_bvh
 
 TEXT = """\
 HIERARCHY
@@ -47,16 +47,16 @@ def refusal(folder: Path, text: str) -> str:
 
 def test_kinematics_are_scipys(tmp_path) -> None:
     bvh = read(tmp_path, TEXT)
-    poses = bvh_kinematics(bvh)
+    tree = bvh_tree(bvh)
     R_hips = Rotation.from_euler("ZXY", [10, 20, 30], degrees=True)
     R_arm = R_hips * Rotation.from_euler("YXZ", [40, 50, 60], degrees=True)
     p_arm = [1, 2, 3] + R_hips.apply([1, 2, 3])
-    np.testing.assert_allclose(poses.positions[1, 0], p_arm, atol=1e-12)
+    np.testing.assert_allclose(tree.positions[1][0], p_arm, atol=1e-12)
     np.testing.assert_allclose(
-        poses.positions[2, 0], p_arm + R_arm.apply([0, 1, 0]), atol=1e-12
+        tree.positions[2][0], p_arm + R_arm.apply([0, 1, 0]), atol=1e-12
     )
-    np.testing.assert_allclose(poses.rotations[1, 0], R_arm.as_matrix(), atol=1e-12)
-    np.testing.assert_allclose(poses.local[0, 0], R_hips.as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(tree.rotations[1][0], R_arm.as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(tree.rotations[0][0], R_hips.as_matrix(), atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -104,9 +104,9 @@ def test_a_position_on_a_joint_replaces_its_offset(tmp_path) -> None:
         .replace("40 50 60", "7 90")
         .replace("0 0 0\n", "7 0\n")
     )
-    poses = bvh_kinematics(read(tmp_path, text))
+    tree = bvh_tree(read(tmp_path, text))
     R = Rotation.from_euler("ZXY", [10, 20, 30], degrees=True)
-    np.testing.assert_allclose(poses.positions[1, 0], [1, 2, 3] + R.apply([7, 2, 3]))
+    np.testing.assert_allclose(tree.positions[1][0], [1, 2, 3] + R.apply([7, 2, 3]))
 
 
 def test_positions_of_nothing_beside_an_offset_are_added_to_it(tmp_path) -> None:
@@ -118,11 +118,11 @@ def test_positions_of_nothing_beside_an_offset_are_added_to_it(tmp_path) -> None
         .replace("40 50 60", "0 0 0.1 90")
         .replace("0 0 0\n", "0 0 0 0\n")
     )
-    poses = bvh_kinematics(read(tmp_path, text))
+    tree = bvh_tree(read(tmp_path, text))
     for frame, (y, offset) in enumerate(((30, [1, 2, 3.1]), (0, [1, 2, 3]))):
         R = Rotation.from_euler("ZXY", [10, 20, y], degrees=True)
         np.testing.assert_allclose(
-            poses.positions[1, frame], [1, 2, 3] + R.apply(offset), atol=1e-12
+            tree.positions[1][frame], [1, 2, 3] + R.apply(offset), atol=1e-12
         )
 
 

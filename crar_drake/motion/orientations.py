@@ -1,4 +1,10 @@
-"""How parts of a performer are turned, in the robot's world frame, and smoothly."""
+"""How parts of a performer are turned, in the robot's world W, and smoothly.
+
+A hand's frame H is one of anatomy, so that it is the same on every performer and robot:
+x to the fingertips, z to the thumb's side. So the palm faces -y at the left and +y at
+the right hand. In the skeleton's rest pose the thumbs' side is the front: palms down if
+its arms are spread, towards the body if they hang.
+"""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -8,8 +14,36 @@ from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.quaternion_spline import sign_continuous
 
+HANDS = ("left_hand", "right_hand")
+
 # Shorter than this a mean of quaternions tells no orientation.
 _LEAST_NORM = 0.05
+
+
+def smooth_hands(
+    performer: Performer, cutoff: float = DEFAULT_CUTOFF
+) -> dict[str, np.ndarray]:
+    """Name of HANDS to (T, 4) unit quaternions (x y z w) of R_WH after a low-pass.
+
+    Args:
+        cutoff: of the zero-phase low-pass [Hz].
+
+    Raises:
+        MotionError: the file does not tell how a hand is turned (the message says why);
+            or as of `smooth_turns`.
+    """
+    if performer.hands_obstacle:
+        raise MotionError(performer.hands_obstacle)
+    return {
+        hand: smooth_turns(
+            R_WH,
+            performer.frame_rate,
+            cutoff,
+            f"motion {performer.name}: {hand}",
+            "do not track this hand's orientation",
+        )
+        for hand, R_WH in performer.hands.items()
+    }
 
 
 def hip_turns(performer: Performer, cutoff: float = DEFAULT_CUTOFF) -> np.ndarray:
@@ -23,8 +57,7 @@ def hip_turns(performer: Performer, cutoff: float = DEFAULT_CUTOFF) -> np.ndarra
         forward, y left.
 
     Raises:
-        MotionError: the motion does not tell, it is too short, the cutoff too high, or
-            the hips turn to and fro so fast that no mean is left.
+        MotionError: the motion does not tell, or as of `smooth_turns`.
     """
     if "pelvis" not in performer.orientations:
         raise MotionError(

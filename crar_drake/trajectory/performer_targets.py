@@ -20,9 +20,9 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import low_pass, unit_vectors
-from crar_drake.motion.orientations import smooth_hands
 from crar_drake.motion.held_feet import find_contacts_of_feet, hold_foot
 from crar_drake.motion.leg_shape import LegShape
+from crar_drake.motion.orientations import hip_turns, smooth_hands
 from crar_drake.motion.performer import SIDES, Performer
 from crar_drake.motion.performer_legs import (
     floor_height,
@@ -31,7 +31,6 @@ from crar_drake.motion.performer_legs import (
     smooth_legs,
 )
 from crar_drake.motion.travel import pinned_pelvis
-from crar_drake.motion.orientations import hip_turns
 
 # From which of the performer's joints to which limbs lead, and of the robot's frames.
 _ARM = (("shoulder", "elbow"), ("elbow", "wrist"))

@@ -1,6 +1,7 @@
 """A performer's legs, smoothed: how feet are turned, and how high the floor is."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -8,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import low_pass, unit_vectors
 from crar_drake.motion.held_feet import about_vertical, find_contacts, twist
-from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.orientations import smooth_turns
 from crar_drake.motion.performer import LEG, SIDES, Performer
 
@@ -16,6 +16,23 @@ _FLAT_HEIGHT = 0.03  # [m] above its lowest, at most, that the ankle of a flat f
 _FLAT_SPEED = 0.25  # [m/s] of the ankle of a flat foot, at most
 _FLAT_TIME = 0.2  # [s] of flat feet that tell how they are turned
 _LOWEST_SHARE = 0.1  # of slow samples, that are lower than the floor at most
+
+
+@dataclass(frozen=True)
+class LegShape:
+    """A leg, with the robot as it stands at rest; all in the world's axes then."""
+
+    hip: np.ndarray  # (3,) from the base's origin to the centre of the hip [m]
+    thigh: float  # its length [m]
+    shank: float  # its length [m]
+    points: np.ndarray  # (V, 3) of the foot's surface, from the foot's frame [m]
+    heel: np.ndarray  # (3,) the middle of the sole's rear edge [m]
+    ball: np.ndarray  # (3,) and of its front edge [m]
+
+    @property
+    def length(self) -> float:
+        """Of thigh and shank [m]."""
+        return self.thigh + self.shank
 
 
 def smooth_legs(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:

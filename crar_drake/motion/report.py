@@ -1,6 +1,6 @@
 """What is in a motion file, and what in it looks bad."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,16 +8,14 @@ import numpy as np
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, MIN_FRAMES, low_pass
 from crar_drake.motion.leaps import leaps
-from crar_drake.motion.performer import Performer, file_joint
+from crar_drake.motion.performer import Performer, file_joint, pinned_pelvis
 from crar_drake.motion.planted_feet import runs
-from crar_drake.motion.travel import pinned_pelvis
 
 # A bone turns by more than this against its parent in one frame: a flip. In the CMU
 # files the fastest limbs of dances and karate turn by 20 to 50 degrees in 1/120 s
 # and flips by 60 to 180. At lower rates honest motion turns further in one frame.
-_FLIP_ANGLE = 60.0  # at 120 Hz and above [deg]
-_FLIP_ANGLE_CAP = 120.0  # [deg]
-_FLIP_RATE = 120.0  # [Hz]
+_FLIP_ANGLE, _FLIP_RATE = 60.0, 120.0  # [deg], [Hz]
+_FLIP_ANGLES = (60.0, 120.0)  # at higher rates, and at the lowest [deg]
 
 # One step differs by more than this speed from both its neighbours: a jump. That is
 # 25 mm in 1/120 s; the waist of honest CMU clips stays below 2 m/s.
@@ -37,29 +35,13 @@ _USUAL_RATES = (120.0, 60.0, 30.0)  # [Hz]
 
 
 @dataclass(frozen=True)
-class Flip:
-    """A bone's rotation about its parent jumps from one frame to the next."""
+class Break:
+    """A step from one frame to the next that is none of a person's."""
 
-    bone: str
-    frame: int  # number in the file of the frame after the jump
-    angle: float  # [rad]
-
-
-@dataclass(frozen=True)
-class Jump:
-    """A joint centre leaps for one frame."""
-
-    point: str
-    frame: int  # number in the file of the frame after the leap
-    distance: float  # by which the step departs from the steps beside it [m]
-
-
-@dataclass(frozen=True)
-class FrozenStretch:
-    """Frames first..last hold the very same values."""
-
-    first: int  # number in the file
-    last: int  # number in the file
+    of: str  # the bone that flips against its parent, or the joint centre that jumps
+    frame: int  # number in the file of the frame after it
+    # of the rotation [rad]; or by which the step departs from the steps beside it [m]
+    size: float
 
 
 @dataclass(frozen=True)
@@ -70,18 +52,14 @@ class MotionReport:
     # joint centre to its largest speed in the raw data [m/s]; empty if the skeleton has
     # no joint centres
     peak_speeds: dict[str, float]
-    flips: tuple[Flip, ...] = ()  # jumps of a bone's rotation, in frame order
-    jumps: tuple[Jump, ...] = ()  # of joint centres, or of the root, in order
-    frozen: tuple[FrozenStretch, ...] = ()  # stretches of identical frames
+    flips: tuple[Break, ...] = ()  # of bones, in frame order
+    jumps: tuple[Break, ...] = ()  # of joint centres, or of the root, in frame order
+    # first and last frame, by their numbers in the file, of frames that are all alike
+    frozen: tuple[tuple[int, int], ...] = ()
     # what is implausible as a whole (unit of the angles, the performer's height, the
     # frame rate), each with what would explain it
     doubts: tuple[str, ...] = ()
     obstacle: str = ""  # why the motion cannot drive a robot, or ""
-
-    @property
-    def looks_clean(self) -> bool:
-        """Whether nothing in the file looks bad."""
-        return not self.findings
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -96,28 +74,41 @@ class MotionReport:
 
 def inspect(performer: Performer) -> MotionReport:
     """Returns a report of the motion. Nothing that it finds is an error."""
-    obstacle, points = performer.obstacle, {}
+    obstacle, points, rate = performer.obstacle, {}, performer.frame_rate
     try:
         points = performer.centres()
     except MotionError as error:
         obstacle = str(error)
-    steps = {name: _steps(samples) for name, samples in points.items()}
-    flips = _find_flips(performer)
+    flip = np.radians(np.clip(_FLIP_ANGLE * _FLIP_RATE / rate, *_FLIP_ANGLES))
+    flips = [
+        Break(name, int(step) + 2, float(angle[step]))
+        for name, angle in performer.turns.items()
+        for step in np.flatnonzero(angle > flip)
+    ]
+    watched = points or {"waist": performer.positions["pelvis"]}
+    jumps = [
+        Break(name, frame + 1, size)
+        for name, samples in watched.items()
+        for frame, size in leaps(np.diff(samples, axis=0), _JUMP_SPEED / rate)
+    ]
     doubts = list(performer.doubts)
     if pinned := pinned_pelvis(performer):
         doubts.append(f"{pinned}; feet slide, and a whole body cannot follow it")
     elif not doubts:  # else speeds say nothing of the rate
         doubts += _doubt_rate(performer, points, flips)
-    watched = points or {"waist": performer.positions["pelvis"]}
     return MotionReport(
         performer=performer,
         peak_speeds={
-            name: float(step.max() * performer.frame_rate)
-            for name, step in steps.items()
+            name: float(_steps(samples).max() * rate)
+            for name, samples in points.items()
         },
-        flips=flips,
-        jumps=_find_jumps(watched, performer.frame_rate),
-        frozen=_find_frozen(performer),
+        flips=tuple(sorted(flips, key=lambda flip: (flip.frame, flip.of))),
+        jumps=tuple(sorted(jumps, key=lambda jump: (jump.frame, jump.of))),
+        frozen=tuple(
+            (begin + 1, end + 1)
+            for begin, end in runs(performer.same)
+            if (end - begin) / rate > _FROZEN_TIME
+        ),
         doubts=tuple(doubts),
         obstacle=obstacle,
     )
@@ -128,61 +119,27 @@ def _steps(samples: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.diff(samples, axis=0), axis=1)
 
 
-def _find_flips(performer: Performer) -> tuple[Flip, ...]:
-    threshold = np.radians(
-        np.clip(
-            _FLIP_ANGLE * _FLIP_RATE / performer.frame_rate,
-            _FLIP_ANGLE,
-            _FLIP_ANGLE_CAP,
-        )
-    )
-    flips = []
-    for name, angle in performer.turns.items():
-        for step in np.flatnonzero(angle > threshold):
-            flips.append(Flip(name, int(step) + 2, float(angle[step])))
-    return tuple(sorted(flips, key=lambda flip: (flip.frame, flip.bone)))
-
-
-def _find_jumps(points: dict[str, np.ndarray], frame_rate: float) -> tuple[Jump, ...]:
-    jumps = [
-        Jump(name, frame + 1, size)
-        for name, samples in points.items()
-        for frame, size in leaps(np.diff(samples, axis=0), _JUMP_SPEED / frame_rate)
-    ]
-    return tuple(sorted(jumps, key=lambda jump: (jump.frame, jump.point)))
-
-
-def _find_frozen(performer: Performer) -> tuple[FrozenStretch, ...]:
-    return tuple(
-        FrozenStretch(begin + 1, end + 1)
-        for begin, end in runs(performer.same)
-        if (end - begin) / performer.frame_rate > _FROZEN_TIME
-    )
-
-
 # --- implausible as a whole -------------------------------------------------------
 
 
 def _doubt_rate(
-    performer: Performer, points: dict[str, np.ndarray], flips: tuple[Flip, ...]
+    performer: Performer, points: dict[str, np.ndarray], flips: Sequence[Break]
 ) -> Iterator[str]:
-    speeds = {
-        name: _usual_top_speed(performer, name, samples, flips, performer.frame_rate)
-        for name, samples in points.items()
-    }
-    if not speeds:
-        return
-    fastest = max(speeds, key=speeds.get)
-    if speeds[fastest] <= _IMPLAUSIBLE_SPEED:
+    def top_speeds(rate: float) -> dict[str, float]:
+        return {
+            name: _usual_top_speed(performer, name, samples, flips, rate)
+            for name, samples in points.items()
+        }
+
+    speeds = top_speeds(performer.frame_rate)
+    fastest = max(speeds, key=speeds.get, default="")
+    if not fastest or speeds[fastest] <= _IMPLAUSIBLE_SPEED:
         return
     text = f"{fastest.replace('_', ' ')} reaches {speeds[fastest]:.1f} m/s"
     for rate in _USUAL_RATES:
         if rate < performer.frame_rate:
             # Of all points: the low-pass leaves less of some than of others.
-            slower = max(
-                _usual_top_speed(performer, name, samples, flips, rate)
-                for name, samples in points.items()
-            )
+            slower = max(top_speeds(rate).values())
             if slower <= _IMPLAUSIBLE_SPEED:
                 yield (
                     f"{text}; at {rate:g} Hz it would be {slower:.1f} m/s: is the rate "
@@ -196,7 +153,7 @@ def _usual_top_speed(
     performer: Performer,
     name: str,
     samples: np.ndarray,
-    flips: tuple[Flip, ...],
+    flips: Sequence[Break],
     rate: float,
 ) -> float:
     """What a joint centre's speed exceeds for a hundredth of the time [m/s].
@@ -212,7 +169,7 @@ def _usual_top_speed(
     carriers = performer.carriers.get(file_joint(name), frozenset())
     vicinity = int(np.ceil(_FLIP_VICINITY * rate))
     for flip in flips:
-        if flip.bone in carriers:
+        if flip.of in carriers:
             step = flip.frame - 2
             honest[max(step - vicinity, 0) : step + vicinity + 1] = False
     return float(np.quantile(speed[honest], _SPEED_QUANTILE)) if honest.any() else 0.0
@@ -246,7 +203,7 @@ def describe(report: MotionReport) -> Iterator[str]:
     yield from person.notes
     for _, line in _findings(report):
         yield line
-    if report.looks_clean:
+    if not report.findings:
         yield "nothing looks bad"
 
 
@@ -270,28 +227,20 @@ def _findings(report: MotionReport) -> Iterator[tuple[str, str]]:
     if report.obstacle:
         text = f"no robot can follow it: {report.obstacle}"
         yield text, text
-    for bone in dict.fromkeys(flip.bone for flip in report.flips):
-        flips = [flip for flip in report.flips if flip.bone == bone]
-        worst = max(flips, key=lambda flip: flip.angle)
-        short = f"{bone} flips {_times(len(flips))}"
-        yield (
-            short,
-            f"{short}, first in {at(flips[0].frame)}, by up "
-            f"to {np.degrees(worst.angle):.0f} degrees in {at(worst.frame)}",
-        )
-    for point in dict.fromkeys(jump.point for jump in report.jumps):
-        jumps = [jump for jump in report.jumps if jump.point == point]
-        worst = max(jumps, key=lambda jump: jump.distance)
-        short = f"{point} jumps {_times(len(jumps))}"
-        yield (
-            short,
-            f"{short}, first in {at(jumps[0].frame)}, by up "
-            f"to {100.0 * worst.distance:.0f} cm in {at(worst.frame)}",
-        )
-    for stretch in report.frozen:
-        text = f"nothing moves from {at(stretch.first)} to {at(stretch.last)}"
+    for verb, breaks, scale, unit in (
+        ("flips", report.flips, np.degrees(1.0), "degrees"),
+        ("jumps", report.jumps, 100.0, "cm"),
+    ):
+        for name in dict.fromkeys(found.of for found in breaks):
+            those = [found for found in breaks if found.of == name]
+            worst = max(those, key=lambda found: found.size)
+            times = "once" if len(those) == 1 else f"{len(those)} times"
+            short = f"{name} {verb} {times}"
+            yield (
+                short,
+                f"{short}, first in {at(those[0].frame)}, by up to "
+                f"{scale * worst.size:.0f} {unit} in {at(worst.frame)}",
+            )
+    for first, last in report.frozen:
+        text = f"nothing moves from {at(first)} to {at(last)}"
         yield text, text
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"

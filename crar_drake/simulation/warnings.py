@@ -46,9 +46,9 @@ def run_warnings(
 
 
 def _of_the_motion(scenario: Scenario, report: MotionReport | None) -> Iterator[str]:
-    if report is None or report.looks_clean:
+    findings = report.findings if report is not None else ()
+    if not findings:
         return
-    findings = report.findings
     text = "; ".join(findings[:_MOST])
     if len(findings) > _MOST:
         text += f"; and {len(findings) - _MOST} more"

@@ -21,16 +21,15 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import low_pass, unit_vectors
 from crar_drake.motion.held_feet import find_contacts_of_feet, hold_foot
-from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.orientations import hip_turns, smooth_hands
-from crar_drake.motion.performer import SIDES, Performer
+from crar_drake.motion.performer import SIDES, Performer, pinned_pelvis
 from crar_drake.motion.performer_legs import (
+    LegShape,
     floor_height,
     foot_turns,
     leg_length,
     smooth_legs,
 )
-from crar_drake.motion.travel import pinned_pelvis
 
 # From which of the performer's joints to which limbs lead, and of the robot's frames.
 _ARM = (("shoulder", "elbow"), ("elbow", "wrist"))

@@ -32,8 +32,8 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import ModelError
 from crar_drake.law.compilation import compiled
 from crar_drake.motion.leaps import leaps
-from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
+from crar_drake.motion.performer_legs import LegShape
 from crar_drake.motion.planted_feet import lasting, runs
 from crar_drake.motion.smooth_steps import smooth_flags
 from crar_drake.robot.description import RobotDescription, find_body, find_frame

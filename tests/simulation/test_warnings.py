@@ -10,7 +10,7 @@ from small_robots import chain_urdf
 
 from crar_drake.commands import main
 from crar_drake.law.parameters import PaperParameters
-from crar_drake.motion.report import Flip, Jump, MotionReport, inspect
+from crar_drake.motion.report import Break, MotionReport, inspect
 from crar_drake.run import run_scenario
 from crar_drake.simulation.diagram import PrepareScenario
 from crar_drake.simulation.scenario import Scenario, load_scenario
@@ -92,12 +92,12 @@ def test_findings_are_repeated_in_one_line(dance):
         )
         return text
 
-    one = replace(clean, flips=(Flip("rthumb", 3, 3.0), Flip("rthumb", 9, 3.0)))
+    one = replace(clean, flips=(Break("rthumb", 3, 3.0), Break("rthumb", 9, 3.0)))
     assert line(one) == (
         "motion: 1 finding: rthumb flips 2 times; see crar-drake show dance"
     )
     many = replace(
-        one, jumps=(Jump("neck", 3, 0.1), Jump("waist", 3, 0.1)), doubts=("a giant",)
+        one, jumps=(Break("neck", 3, 0.1), Break("waist", 3, 0.1)), doubts=("a giant",)
     )
     text = line(many, motion="my walk.amc", skeleton="a.asf", frame_rate=59.94)
     assert text == (

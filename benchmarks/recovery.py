@@ -151,8 +151,6 @@ def recover(start: Start, base: Scenario) -> Recovery:
     prescribed = model.prescribed_at(q)
     motion = DesiredMotion(
         _DURATION,
-        lambda time: tasks,
-        lambda time: q[model.prescribed_positions],
         lambda: ConstantVectorSource(tasks),
         lambda: ConstantVectorSource(prescribed),
     )

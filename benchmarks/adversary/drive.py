@@ -126,8 +126,6 @@ def drive_torque(model: ControlModel, episode: Episode) -> Drive:
     scenario.log_period = dt
     motion = DesiredMotion(
         K * parameters.period,
-        lambda time: episode.tasks[0],
-        lambda time: episode.prescribed[0, :n_p],
         lambda: _Rows(episode.tasks, parameters.period),
         (lambda: _Rows(episode.prescribed, parameters.period)) if n_p else None,
     )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from pydrake.trajectories import BsplineTrajectory
@@ -12,49 +13,20 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError, MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass, spline
-from crar_drake.motion.performer import Performer, Sampled
+from crar_drake.motion.performer import ARM, SIDES, Performer, Sampled
 
 # Below this a segment has no direction worth keeping.
 _SHORTEST_SEGMENT = 1e-3  # [m]
 
 
-@dataclass(frozen=True)
-class SegmentLengths:
-    """Distances between a robot's task points, which replace the performer's.
-
-    A field named a_b (or side_a_b) is the distance from a to b.
-
-    Raises:
-        ModelError: a length is not positive and finite.
-    """
-
-    waist_neck: float  # [m]
-    left_neck_shoulder: float  # [m]
-    left_shoulder_elbow: float  # [m]
-    left_elbow_wrist: float  # [m]
-    right_neck_shoulder: float  # [m]
-    right_shoulder_elbow: float  # [m]
-    right_elbow_wrist: float  # [m]
-    waist_height: float  # above the ground, standing [m]
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ModelError(
-                    f"the robot's {field.name} must be a positive length, not {value} m"
-                )
-
-
-# (from, to, field of SegmentLengths), from the waist outwards.
-SEGMENTS = (
-    ("waist", "neck", "waist_neck"),
-    ("neck", "left_shoulder", "left_neck_shoulder"),
-    ("left_shoulder", "left_elbow", "left_shoulder_elbow"),
-    ("left_elbow", "left_wrist", "left_elbow_wrist"),
-    ("neck", "right_shoulder", "right_neck_shoulder"),
-    ("right_shoulder", "right_elbow", "right_shoulder_elbow"),
-    ("right_elbow", "right_wrist", "right_elbow_wrist"),
+# Joint centre: the one that it hangs on, from the waist outwards.
+HANGS_ON: Mapping[str, str] = MappingProxyType(
+    {"neck": "waist"}
+    | {
+        f"{side}_{end}": f"{side}_{start}" if start in ARM else start
+        for side in SIDES
+        for start, end in zip(("neck", *ARM), ARM, strict=False)
+    }
 )
 
 
@@ -81,11 +53,6 @@ class RetargetedMotion(Sampled):
         heading = np.zeros(self.num_frames)
         return RetargetedMotion(self.name, self.frame_rate, at_hips, heading)
 
-    @property
-    def waist(self) -> BsplineTrajectory:
-        """Trajectory of the waist's x, y, z [m]."""
-        return self.trajectory(["waist"])
-
     def trajectory(self, names: Sequence[str]) -> BsplineTrajectory:
         """Returns p_WC of the named joint centres, three rows each [m].
 
@@ -105,24 +72,31 @@ class RetargetedMotion(Sampled):
 
 def retarget(
     performer: Performer,
-    lengths: SegmentLengths,
+    lengths: Mapping[str, float],
     *,
     cutoff: float = DEFAULT_CUTOFF,
 ) -> RetargetedMotion:
     """Filters a performer's joint centres and scales them to a robot.
 
     Directions are kept and lengths replaced, segment by segment from the waist.
-    The waist's path is scaled by waist_height over the performer's hip height, and
-    starts above the origin.
+    The waist's path is scaled by the waist's height over the performer's hip height,
+    and starts above the origin.
 
     Args:
-        lengths: the robot's lengths [m].
+        lengths: the robot's: name of JOINT_CENTRES to its distance from the one that it
+            hangs on; of the waist, its height above the ground, standing [m].
         cutoff: of the zero-phase low-pass [Hz].
 
     Raises:
+        ModelError: a length is not positive and finite.
         MotionError: as of `Performer.centres`; or the motion is too short, the cutoff
             too high, or two joint centres coincide, so that a segment has no direction.
     """
+    for centre, length in lengths.items():
+        if not (math.isfinite(length) and length > 0.0):
+            start = HANGS_ON.get(centre, "the ground")
+            what = f"length from {start} to {centre}"
+            raise ModelError(f"the robot's {what} must be positive, not {length} m")
     name, rate, raw = performer.name, performer.frame_rate, performer.centres()
     try:
         smooth = {
@@ -132,14 +106,14 @@ def retarget(
     except MotionError as error:
         raise MotionError(f"motion {name}: {error}") from error
 
-    waist = smooth["waist"] * (lengths.waist_height / performer.hip_height)
+    waist = smooth["waist"] * (lengths["waist"] / performer.hip_height)
     waist[:, :2] -= waist[0, :2].copy()
     positions = {"waist": waist}
-    for start, end, field in SEGMENTS:
+    for end, start in HANGS_ON.items():
         _check_segment(name, raw, start, end)
         norm = _check_segment(name, smooth, start, end)
         direction = (smooth[end] - smooth[start]) / norm[:, None]
-        positions[end] = positions[start] + getattr(lengths, field) * direction
+        positions[end] = positions[start] + lengths[end] * direction
     return RetargetedMotion(name, rate, positions, heading)
 
 

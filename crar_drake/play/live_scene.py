@@ -13,7 +13,7 @@ from pydrake.geometry import Meshcat
 
 from crar_drake.law.records import STATUS_WORDS
 from crar_drake.law.safety_filter import HOW, NOMINAL
-from crar_drake.play.live_simulation import LiveSimulation, points_of
+from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import Pacer
 from crar_drake.results.drawn_robot import DrawnRobot
 from crar_drake.results.marks import NEARNESS_STEPS
@@ -59,9 +59,8 @@ class LiveScene:
         above = np.array([GROUND in names for names in live.model.pairs.names], bool)
         self._above_ground = above & (not above.all())
         _, points = self.robot.pose_links(live.positions())
-        wanted = points_of(live.setup.motion, live.model.layout)
         ball = [] if live.ball is None else [live.ball[None]]
-        self.outline = np.vstack([points, wanted, *ball])
+        self.outline = np.vstack([points, live.path, *ball])
 
     def frame(self, pacer: Pacer, now: float, notice: str) -> dict:
         """What the page shows now, for JSON.

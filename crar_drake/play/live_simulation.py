@@ -65,6 +65,7 @@ class LiveSimulation:
         offsets: (N, 3) from the motion to where a person wants the targets of the
             position and pose tasks, in the order of `layout.linear_tasks` [m].
         moved: (N, 3) what is added to these targets by now [m].
+        path: (N, 3) where targets are on the way of the motion [m].
         clock: of the motion.
         ball: (3,) where the ball is that a person drags, an obstacle that moves [m];
             None where the robot keeps off none.
@@ -103,6 +104,7 @@ class LiveSimulation:
             obstacles=[*scenario.obstacles, *balls],
             log_period=scenario.log_period or parameters.period,
         )
+        self.path = points_of(setup.motion, self.model.layout)
         setup = replace(setup, motion=make_live(setup.motion, setup.model))
         self.setup = setup
         self.diagram = MakeCrarDiagram(self.scenario, setup=setup)

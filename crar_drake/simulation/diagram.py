@@ -132,8 +132,6 @@ def _from_keyframes(scenario: Scenario, model: ControlModel) -> DesiredMotion:
     source = PoseTrajectorySource(model.layout, ways)
     return DesiredMotion(
         source.duration,
-        source.at,
-        lambda time: held[: model.n_p],
         lambda: PoseTrajectorySource(model.layout, ways),
         (lambda: ConstantVectorSource(held)) if model.n_p else None,
     )

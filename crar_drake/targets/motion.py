@@ -1,10 +1,9 @@
 """From a motion's name to what a robot is to follow."""
 
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import BsplineTrajectory
 
@@ -15,12 +14,7 @@ from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.orientations import HANDS, smooth_hands
 from crar_drake.motion.performer import JOINT_CENTRES, Performer
 from crar_drake.motion.quaternion_spline import QuaternionSpline
-from crar_drake.motion.retarget import (
-    SEGMENTS,
-    RetargetedMotion,
-    SegmentLengths,
-    retarget,
-)
+from crar_drake.motion.retarget import HANGS_ON, RetargetedMotion, retarget
 from crar_drake.robot.description import find_frame, zero_positions
 from crar_drake.robot.model import ControlModel
 from crar_drake.targets.desired_motion import DesiredMotion
@@ -35,10 +29,28 @@ HEAD = "head"
 _POINTS = (*JOINT_CENTRES, HEAD)
 
 
-def segment_lengths(model: ControlModel) -> SegmentLengths:
-    """The robot's own lengths, read off its task frames at zero joint angles.
+class _Places:
+    """Where the task frames of a robot are."""
 
-    The waist's height is that of the rest posture.
+    def __init__(self, model: ControlModel) -> None:
+        self.plant, self._frames = model.plant, model.description.task_frames
+        self._context = model.MakeWorkspace().plant_context
+        self._zero = zero_positions(model.plant)
+
+    def at(self, name: str, q: np.ndarray | None = None) -> np.ndarray:
+        """p_W (3,) of a task frame at positions q (nq,), by default zero [m]."""
+        self.plant.SetPositions(self._context, self._zero if q is None else q)
+        frame = find_frame(self.plant, self._frames[name])
+        return frame.CalcPoseInWorld(self._context).translation()
+
+    def apart(self, a: str, b: str) -> float:
+        """Distance of two task frames at zero joint angles [m]."""
+        return float(np.linalg.norm(self.at(a) - self.at(b)))
+
+
+def segment_lengths(model: ControlModel) -> dict[str, float]:
+    """The robot's own lengths, as `retarget` takes them: read off its task frames at
+    zero joint angles, and of the rest posture the waist's height.
 
     Raises:
         ScenarioError: the description lacks a task frame that a motion needs.
@@ -50,32 +62,9 @@ def segment_lengths(model: ControlModel) -> SegmentLengths:
             f"robot {model.description.name}: a motion needs the task_frames "
             f"{', '.join(missing)}; add them to its robot.yaml"
         )
-    plant = model.plant
-    context = model.MakeWorkspace().plant_context
-
-    def positions(q: np.ndarray) -> dict[str, np.ndarray]:
-        plant.SetPositions(context, q)
-        return {
-            name: find_frame(plant, frame).CalcPoseInWorld(context).translation()
-            for name, frame in frames.items()
-        }
-
-    waist_height = float(_waist_at_rest(model)[2])
-    p = positions(zero_positions(plant))
-
-    def length(a: str, b: str) -> float:
-        return float(np.linalg.norm(p[a] - p[b]))
-
-    lengths = {field: length(a, b) for a, b, field in SEGMENTS}
-    return SegmentLengths(**lengths, waist_height=waist_height)
-
-
-def _waist_at_rest(model: ControlModel) -> np.ndarray:
-    """(3,) where the task frame is in the rest posture [m]."""
-    waist = find_frame(model.plant, model.description.task_frames["waist"])
-    context = model.MakeWorkspace().plant_context
-    model.plant.SetPositions(context, model.rest_positions())
-    return waist.CalcPoseInWorld(context).translation()
+    places = _Places(model)
+    lengths = {"waist": float(places.at("waist", model.rest_positions())[2])}
+    return lengths | {end: places.apart(start, end) for end, start in HANGS_ON.items()}
 
 
 def load_motion_targets(
@@ -109,16 +98,21 @@ def load_motion_targets(
     lengths = segment_lengths(model)
     retargeted = retarget(performer, lengths, cutoff=cutoff)
     if model.description.stands:
-        retargeted = retargeted.standing_at(_waist_at_rest(model))
-    tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, cutoff)
-    prescribed_at, MakePrescribedSource = _prescribed(model, retargeted)
+        waist = _Places(model).at("waist", model.rest_positions())
+        retargeted = retargeted.standing_at(waist)
+    frames = [task.frame for task in model.tasks]
+    if all(frame in JOINT_CENTRES for frame in frames):
+        points = retargeted.trajectory(frames)
+        MakeTaskSource = partial(TrajectorySource, points, 2)
+    else:
+        ways = _task_ways(model, performer, retargeted, cutoff)
+        MakeTaskSource = partial(PoseTrajectorySource, model.layout, ways)
+    MakePrescribedSource = None
+    if model.n_p:
+        prescribed = _prescribed_trajectory(model, retargeted)
+        MakePrescribedSource = partial(TrajectorySource, prescribed, 2)
     return DesiredMotion(
-        retargeted.duration,
-        tasks_at,
-        prescribed_at,
-        MakeTaskSource,
-        MakePrescribedSource,
-        for_report,
+        retargeted.duration, MakeTaskSource, MakePrescribedSource, for_report
     )
 
 
@@ -168,29 +162,6 @@ def _check_standing_tasks(model: ControlModel) -> None:
         )
 
 
-def _tasks(
-    model: ControlModel,
-    performer: Performer,
-    retargeted: RetargetedMotion,
-    cutoff: float,
-) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem]]:
-    """`tasks_at` and `MakeTaskSource` of a `DesiredMotion`."""
-    frames = [task.frame for task in model.tasks]
-    if any(frame not in JOINT_CENTRES for frame in frames):
-        ways = _task_ways(model, performer, retargeted, cutoff)
-        return (
-            PoseTrajectorySource(model.layout, ways).at,
-            lambda: PoseTrajectorySource(model.layout, ways),
-        )
-    positions = retargeted.trajectory(frames)
-
-    def tasks_at(time: float) -> np.ndarray:
-        derivatives = [positions.EvalDerivative(time, k) for k in range(3)]
-        return np.concatenate(derivatives).ravel()
-
-    return tasks_at, lambda: TrajectorySource(positions, 2)
-
-
 def _task_ways(
     model: ControlModel,
     performer: Performer,
@@ -198,13 +169,13 @@ def _task_ways(
     cutoff: float,
 ) -> dict[str, PointTrajectory | CarriedTrajectory]:
     """The way of each task, by its name."""
-    quaternions = {}
+    quaternions, places = {}, _Places(model)
     if any(task.frame in HANDS for task in model.tasks):
         quaternions = smooth_hands(performer, cutoff)
 
     def way(frame: str) -> PointTrajectory | CarriedTrajectory:
         if frame == HEAD:
-            length = _distance(model, "neck", HEAD)
+            length = places.apart("neck", HEAD)
             return head_way(performer, retargeted, length, cutoff)
         if frame not in HANDS:
             return PointTrajectory(retargeted.trajectory([frame]))
@@ -213,38 +184,13 @@ def _task_ways(
             PointTrajectory(retargeted.trajectory([wrist])),
             QuaternionSpline(retargeted.time, quaternions[frame]),
             # Along the hand's first axis, the one to the fingertips.
-            np.array([_distance(model, wrist, frame), 0.0, 0.0]),
+            np.array([places.apart(wrist, frame), 0.0, 0.0]),
         )
 
     names = model.layout.names
     return {
         name: way(task.frame) for name, task in zip(names, model.tasks, strict=True)
     }
-
-
-def _distance(model: ControlModel, a: str, b: str) -> float:
-    """Between two task frames at zero joint angles [m]."""
-    plant, frames = model.plant, model.description.task_frames
-    context = model.MakeWorkspace().plant_context
-    plant.SetPositions(context, zero_positions(plant))
-    p_a, p_b = (
-        find_frame(plant, frames[name]).CalcPoseInWorld(context).translation()
-        for name in (a, b)
-    )
-    return float(np.linalg.norm(p_b - p_a))
-
-
-def _prescribed(
-    model: ControlModel, retargeted: RetargetedMotion
-) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem] | None]:
-    """`prescribed_at` and `MakePrescribedSource` of a `DesiredMotion`."""
-    if not model.n_p:
-        return lambda time: np.zeros(0), None
-    trajectory = _prescribed_trajectory(model, retargeted)
-    return (
-        lambda time: trajectory.value(time).ravel(),
-        lambda: TrajectorySource(trajectory, 2),
-    )
 
 
 def _prescribed_trajectory(model: ControlModel, retargeted) -> BsplineTrajectory:
@@ -269,16 +215,12 @@ def _waist_offset(
     model: ControlModel, sources: list[str], positions: np.ndarray
 ) -> np.ndarray:
     """(T, 3) where the waist is with all joints at zero but the heading [m]."""
-    plant = model.plant
-    context = model.MakeWorkspace().plant_context
-    waist = find_frame(plant, model.description.task_frames["waist"])
+    places, q = _Places(model), zero_positions(model.plant)
     turning = [i for i, source in enumerate(sources) if source == "waist.heading"]
-    q = zero_positions(plant)
 
     def offset(heading: np.ndarray) -> np.ndarray:
         q[model.prescribed_positions[turning]] = heading
-        plant.SetPositions(context, q)
-        return waist.CalcPoseInWorld(context).translation()
+        return places.at("waist", q)
 
     if not turning:
         return np.tile(offset(np.zeros(0)), (len(positions), 1))

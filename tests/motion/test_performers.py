@@ -15,9 +15,9 @@ from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
-from crar_drake.motion.retarget import SegmentLengths, retarget
+from crar_drake.motion.retarget import HANGS_ON, retarget
 
-LENGTHS = SegmentLengths(0.4, 0.15, 0.25, 0.2, 0.15, 0.25, 0.2, 0.7)
+LENGTHS = {"waist": 0.7} | {end: 0.2 for end in HANGS_ON}
 
 
 @pytest.fixture(scope="module")

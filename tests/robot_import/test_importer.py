@@ -324,8 +324,8 @@ def test_two_arms_on_a_fixed_base(tmp_path, root):
     model = load_robot_model(tmp_path)
     assert model.n_p == 0
     lengths = segment_lengths(model)
-    assert lengths.waist_height == pytest.approx(0.8)
-    assert lengths.waist_neck == pytest.approx(0.4)
+    assert lengths["waist"] == pytest.approx(0.8)
+    assert lengths["neck"] == pytest.approx(0.4)
 
 
 def test_a_humanoid_on_a_root_named_world_moves(tmp_path):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from small_robots import chain_urdf
 
 from crar_drake.commands import main
@@ -62,13 +63,17 @@ def test_targets_below_the_floor(dance):
     scenario, setup = dance
     layout = setup.model.layout
 
-    def lowered(time: float) -> np.ndarray:
+    def lower(context: Context, output: BasicVector) -> None:
+        time = context.get_time()
         found = layout.unpack(setup.motion.tasks_at(time))
         p, zero = found.p.copy(), np.zeros(layout.m)
         p[1, 2] = 0.5 - 0.62 * np.exp(-((time - 1.0) ** 2))
-        return layout.pack(found.R, p, zero, zero)
+        output.SetFromVector(layout.pack(found.R, p, zero, zero))
 
-    deep = replace(setup, motion=replace(setup.motion, tasks_at=lowered))
+    lowered = LeafSystem()
+    lowered.DeclareVectorOutputPort("desired_tasks", layout.size, lower)
+    motion = replace(setup.motion, MakeTaskSource=lambda: lowered)
+    deep = replace(setup, motion=motion)
 
     def lines(scenario: Scenario) -> list[str]:
         found = run_warnings(scenario, deep, None, recorded=False)

@@ -94,7 +94,7 @@ def test_waist_and_heading_are_the_performers(model):
     motion = load_motion_targets("dance", model)
     dancer = load_performer("dance")
     p_waist = dancer.positions["pelvis"]
-    scale = segment_lengths(model).waist_height / dancer.hip_height
+    scale = segment_lengths(model)["waist"] / dancer.hip_height
     context = model.plant.CreateDefaultContext()
     waist = model.plant.GetFrameByName("waist")
     names = list(model.description.prescribed_joints)

@@ -11,9 +11,7 @@ unturned segments make a T-pose that faces x, palms down. Other frames ("identit
 io_anim_mvnx_utest/data/test_mocap.mvnx of github.com/andres-fr/blender-mvnx-io.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from xml.etree import ElementTree
 
 import numpy as np
@@ -21,36 +19,15 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError, printable
 from crar_drake.motion.formats.point_arrays import one_rate
+from crar_drake.motion.joint_names import joints_by_name
 from crar_drake.motion.options import MotionOptions
-from crar_drake.motion.performer import SIDES, Fact, Performer, repeated
+from crar_drake.motion.performer import JOINTS, Fact, Performer, repeated
 from crar_drake.motion.performers.assemble import Recording, assemble
 from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.segment_tree import SegmentTree
 
 _COLUMNS = {"position": 3, "orientation": 4}
 
-_LIMBS = {
-    "shoulder": "UpperArm",
-    "elbow": "ForeArm",
-    "wrist": "Hand",
-    "hip": "UpperLeg",
-    "knee": "LowerLeg",
-    "ankle": "Foot",
-    "toe": "Toe",
-}
-# Joint to the segment whose origin it is.
-_SEGMENT_OF: Mapping[str, str] = MappingProxyType(
-    {
-        "pelvis": "Pelvis",
-        "neck": "Neck",
-        "head": "Head",
-        **{
-            f"{side}_{joint}": f"{side.capitalize()}{segment}"
-            for side in SIDES
-            for joint, segment in _LIMBS.items()
-        },
-    }
-)
 _ARM = ("Shoulder", "UpperArm", "ForeArm", "Hand")
 _LEG = ("UpperLeg", "LowerLeg", "Foot", "Toe")
 # Chains of segments, each of which hangs on the one before.
@@ -130,16 +107,7 @@ def _read(path: Path, name: str, options: MotionOptions) -> Recording:
     tree = SegmentTree(
         tuple(segments), parents, np.moveaxis(p, 1, 0), np.moveaxis(R, 1, 0)
     )
-    found = {j: index[label] for j, label in _SEGMENT_OF.items() if label in index}
-    # Fingers point outwards at rest, thumbs ahead.
-    hands = {
-        f"{side}_hand": (
-            way * tree.rotations[found[f"{side}_wrist"]][:, :, 1],
-            tree.rotations[found[f"{side}_wrist"]][:, :, 0],
-        )
-        for side, way in (("left", 1.0), ("right", -1.0))
-        if f"{side}_wrist" in found
-    }
+    found = {j: i for j, i in joints_by_name(segments).items() if j in JOINTS}
     others = ", ".join(label or "without a name" for label in subjects[1:])
     return Recording(
         name=name,
@@ -150,7 +118,6 @@ def _read(path: Path, name: str, options: MotionOptions) -> Recording:
         joints={joint: f"{segments[i]}'s origin" for joint, i in found.items()},
         rotations={joint: tree.rotations[i] for joint, i in found.items()},
         body_axes=np.eye(3),
-        hands=hands,
         unit_fact=Fact("unit", "m", "assumed", "as the format has it"),
         up="+z",
         bones=len(segments),

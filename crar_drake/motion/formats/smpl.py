@@ -204,14 +204,6 @@ def _performer(motion: SmplMotion, name: str, options: MotionOptions) -> Perform
     root = motion.translations + offsets[0]
     tree = tree_of_turns(NAMES, PARENTS, [root, *offsets[1:]], turns)
     index = joints_of_layout(NAMES, JOINTS)
-    # Fingers point outwards at rest, thumbs ahead: x and z of the model.
-    hands = {
-        f"{side}_hand": (
-            way * tree.rotations[index[f"{side}_wrist"]][:, :, 0],
-            tree.rotations[index[f"{side}_wrist"]][:, :, 2],
-        )
-        for side, way in (("left", 1.0), ("right", -1.0))
-    }
     return assemble(
         Recording(
             name=name,
@@ -223,7 +215,6 @@ def _performer(motion: SmplMotion, name: str, options: MotionOptions) -> Perform
             rotations={joint: tree.rotations[i] for joint, i in index.items()},
             body_axes=BODY_AXES,
             floor_unknown=not options.skeleton,
-            hands=hands,
             unit_fact=Fact("unit", "m", "assumed", "as the model has it"),
             bones=len(NAMES),
             bones_called="joints",

@@ -68,8 +68,8 @@ class Recording(Described):
     # name of JOINTS to (T, 3, 3) R_FJ, the identity in the rest pose where there is one
     rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
     # (3, 3) axes of a body (x ahead, y to the left, z up) in those that `rotations`
-    # turn, where these have a standing rest pose that lies in the file as the format
-    # says, not along its up axis; None elsewhere
+    # turn, where these have a rest pose, a T-pose with palms down, that lies in the
+    # file as the format says, not along its up axis; None elsewhere
     body_axes: np.ndarray | None = None
     # whether the body's lengths are not the person's, and so the file's height 0 not
     # its floor
@@ -142,7 +142,7 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
         orientations=orientations,
         hands={
             hand: _frames(*(v @ R_WF.T for v in vectors))
-            for hand, vectors in recording.hands.items()
+            for hand, vectors in _hands(recording).items()
         },
         heading=heading_of(R_WP),
         hip_height=drop + leg * (1.0 + ANKLE_SHARE / LEG_SHARE),
@@ -198,6 +198,22 @@ def _floor(p: Points, leg: float, within: float) -> tuple[float, Fact | None]:
         return 0.0, None
     why = "the lowest that the body comes"
     return height, Fact("floor", f"at {height:.2f} m of the file", "inferred", why)
+
+
+def _hands(recording: Recording) -> Mapping[str, tuple[np.ndarray, np.ndarray]]:
+    """As in `Recording.hands`: in a T-pose fingers point outwards, thumbs ahead."""
+    if recording.body_axes is None:
+        return recording.hands
+    ahead, left, _ = recording.body_axes.T
+    outwards = {"left": left, "right": -left}
+    R = recording.rotations
+    return {
+        f"{side}_hand": (
+            R[f"{side}_wrist"] @ outwards[side],
+            R[f"{side}_wrist"] @ ahead,
+        )
+        for side in SIDES
+    }
 
 
 def _frames(x: np.ndarray, z: np.ndarray) -> np.ndarray:

@@ -38,7 +38,7 @@ from crar_drake.simulation.moving_obstacles import ObstacleSource
 from crar_drake.simulation.scenario import Scenario, SimulatedRobot
 from crar_drake.simulation.visuals import draw_collision_shapes, set_surroundings
 from crar_drake.targets.desired_motion import DesiredMotion
-from crar_drake.targets.keyframes import KeyframeTrajectory
+from crar_drake.targets.keyframes import keyframe_way
 from crar_drake.targets.motion import load_motion_targets
 from crar_drake.targets.sources import PoseTrajectorySource
 from crar_drake.targets.start_pose import solve_start_pose
@@ -126,7 +126,7 @@ def _from_keyframes(scenario: Scenario, model: ControlModel) -> DesiredMotion:
         )
     held = model.prescribed_at(model.rest_positions())
     ways = {
-        name: KeyframeTrajectory(name, frames)
+        name: keyframe_way(name, frames)
         for name, frames in scenario.keyframes.items()
     }
     source = PoseTrajectorySource(model.layout, ways)

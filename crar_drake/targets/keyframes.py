@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ScenarioError, check_vector
 from crar_drake.motion.quaternion_spline import QuaternionSpline
+from crar_drake.targets.ways import TaskWay, held
 
 
 @dataclass
@@ -23,63 +24,44 @@ class Keyframe:
     joint: float = 0.0  # position of a joint [rad or m]
 
 
-class KeyframeTrajectory:
+def keyframe_way(name: str, keyframes: Sequence[Keyframe]) -> TaskWay:
     """The way of one task through its keyframes.
 
     Position and orientation are cubic splines, the latter through the keyframes'
     quaternions, normalised: twice continuously differentiable and at rest at both
     ends. Before the first and after the last keyframe the task stands still there.
     From one keyframe to the next it turns the shorter way.
+
+    Args:
+        name: of the task, for messages.
+        keyframes: at least two, in order of time.
+
+    Raises:
+        ScenarioError: too few keyframes, times that do not increase, or a vector that
+            is not of three finite numbers.
     """
-
-    def __init__(self, name: str, keyframes: Sequence[Keyframe]) -> None:
-        """
-        Args:
-            name: of the task, for messages.
-            keyframes: at least two, in order of time.
-
-        Raises:
-            ScenarioError: too few keyframes, times that do not increase, or a
-                vector that is not of three finite numbers.
-        """
-        if len(keyframes) < 2:
-            raise ScenarioError(f"keyframes of task {name}: give at least two")
-        times = np.array([frame.time for frame in keyframes])
-        if not (np.diff(times) > 0.0).all() or not np.isfinite(times).all():
-            raise ScenarioError(
-                f"keyframes of task {name}: their times must increase: {times.tolist()}"
-            )
-        for frame in keyframes:
-            where = f"keyframes of task {name}, time {frame.time:g}"
-            for key in ("xyz", "rpy_deg"):
-                check_vector(f"{where}: {key}", getattr(frame, key))
-            if not np.isfinite(frame.joint):
-                raise ScenarioError(f"{where}: joint: {frame.joint} must be finite")
-        self.start, self.end = float(times[0]), float(times[-1])
-        self._position = CubicSpline(
-            times, [frame.xyz for frame in keyframes], bc_type="clamped"
+    if len(keyframes) < 2:
+        raise ScenarioError(f"keyframes of task {name}: give at least two")
+    times = np.array([frame.time for frame in keyframes])
+    if not (np.diff(times) > 0.0).all() or not np.isfinite(times).all():
+        raise ScenarioError(
+            f"keyframes of task {name}: their times must increase: {times.tolist()}"
         )
-        self._joint = CubicSpline(
-            times, [frame.joint for frame in keyframes], bc_type="clamped"
+    for frame in keyframes:
+        where = f"keyframes of task {name}, time {frame.time:g}"
+        for key in ("xyz", "rpy_deg"):
+            check_vector(f"{where}: {key}", getattr(frame, key))
+        if not np.isfinite(frame.joint):
+            raise ScenarioError(f"{where}: joint: {frame.joint} must be finite")
+    position, joint = (
+        held(
+            CubicSpline(times, [getattr(f, key) for f in keyframes], bc_type="clamped"),
+            float(times[0]),
+            float(times[-1]),
         )
-        angles = [list(frame.rpy_deg) for frame in keyframes]
-        quaternions = Rotation.from_euler("xyz", angles, degrees=True).as_quat()
-        self._orientation = QuaternionSpline(times, quaternions, bc_type="clamped")
-
-    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """p (3,) [m], its velocity and its acceleration at `time` [s], in W."""
-        return self._on(self._position, time)
-
-    def joint(self, time: float) -> tuple[float, float, float]:
-        """q of a joint [rad or m], its velocity and its acceleration at `time` [s]."""
-        return self._on(self._joint, time)
-
-    def _on(self, spline: CubicSpline, time: float) -> tuple:
-        t = min(max(time, self.start), self.end)
-        if t != time:
-            return spline(t), np.zeros_like(spline(t)), np.zeros_like(spline(t))
-        return spline(t), spline(t, 1), spline(t, 2)
-
-    def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""
-        return self._orientation(time)
+        for key in ("xyz", "joint")
+    )
+    angles = [list(frame.rpy_deg) for frame in keyframes]
+    quaternions = Rotation.from_euler("xyz", angles, degrees=True).as_quat()
+    orientation = QuaternionSpline(times, quaternions, bc_type="clamped")
+    return TaskWay(float(times[-1]), position, orientation, joint)

@@ -19,7 +19,7 @@ from crar_drake.robot.description import find_frame, zero_positions
 from crar_drake.robot.model import ControlModel
 from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.sources import PoseTrajectorySource
-from crar_drake.targets.ways import CarriedTrajectory, PointTrajectory, head_way
+from crar_drake.targets.ways import TaskWay, carried_way, head_way, point_way
 
 _WAIST_AXES = ("waist.x", "waist.y", "waist.z")
 
@@ -167,21 +167,21 @@ def _task_ways(
     performer: Performer,
     retargeted: RetargetedMotion,
     cutoff: float,
-) -> dict[str, PointTrajectory | CarriedTrajectory]:
+) -> dict[str, TaskWay]:
     """The way of each task, by its name."""
     quaternions, places = {}, _Places(model)
     if any(task.frame in HANDS for task in model.tasks):
         quaternions = smooth_hands(performer, cutoff)
 
-    def way(frame: str) -> PointTrajectory | CarriedTrajectory:
+    def way(frame: str) -> TaskWay:
         if frame == HEAD:
             length = places.apart("neck", HEAD)
             return head_way(performer, retargeted, length, cutoff)
         if frame not in HANDS:
-            return PointTrajectory(retargeted.trajectory([frame]))
+            return point_way(retargeted.trajectory([frame]))
         wrist = frame.replace("hand", "wrist")
-        return CarriedTrajectory(
-            PointTrajectory(retargeted.trajectory([wrist])),
+        return carried_way(
+            point_way(retargeted.trajectory([wrist])),
             QuaternionSpline(retargeted.time, quaternions[frame]),
             # Along the hand's first axis, the one to the fingertips.
             np.array([places.apart(wrist, frame), 0.0, 0.0]),

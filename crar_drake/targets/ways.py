@@ -1,4 +1,7 @@
-"""Ways of points and frames that a motion moves, with their derivatives."""
+"""Ways of tasks over time, with their derivatives."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.trajectories import BsplineTrajectory
@@ -12,61 +15,80 @@ from crar_drake.motion.retarget import RetargetedMotion
 # Below this neck and head have no direction worth keeping [m].
 _SHORTEST_NECK = 1e-3
 
-
-class PointTrajectory:
-    """The way of a joint centre."""
-
-    def __init__(self, position: BsplineTrajectory) -> None:
-        """
-        Args:
-            position: p_WC, three rows, from time 0 [m].
-        """
-        self.end = position.end_time()
-        self._derivatives = [position.MakeDerivative(k) for k in range(3)]
-
-    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """p (3,) [m], its velocity and its acceleration at `time` [s], in W.
-
-        After the end it stands still there.
-        """
-        p, v, a = (f.value(min(time, self.end)).ravel() for f in self._derivatives)
-        return (p, v, a) if time <= self.end else (p, np.zeros(3), np.zeros(3))
+# time [s] to a value, its velocity and its acceleration
+Way = Callable[[float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
-class CarriedTrajectory:
+@dataclass(frozen=True)
+class TaskWay:
+    """The way of one task, which stands still after `end`.
+
+    What no task of its layout asks for may be left out.
+    """
+
+    end: float  # [s]
+    position: Way | None = None  # p (3,) [m], its velocity and acceleration, in W
+    # R (3, 3), angular velocity (3,) [rad/s] and acceleration (3,) [rad/s^2], in W
+    orientation: Way | None = None
+    joint: Way | None = None  # q of a joint [rad or m], its velocity and acceleration
+
+
+def held(derivatives: Callable[[float, int], np.ndarray], start: float, end: float):
+    """A `Way` along what has derivatives, at rest before its start and after its end.
+
+    Args:
+        derivatives: time [s] and order, 0 to 2, to a value.
+    """
+
+    def at(time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        t = min(max(time, start), end)
+        x, v, a = (derivatives(t, order) for order in range(3))
+        return (x, v, a) if t == time else (x, np.zeros_like(v), np.zeros_like(a))
+
+    return at
+
+
+def point_way(position: BsplineTrajectory) -> TaskWay:
+    """The way of a joint centre.
+
+    Args:
+        position: p_WC, three rows, from time 0 [m].
+    """
+    orders = [position.MakeDerivative(k) for k in range(3)]
+    end = position.end_time()
+    return TaskWay(end, held(lambda t, order: orders[order].value(t).ravel(), 0.0, end))
+
+
+def carried_way(
+    point: TaskWay, orientation: QuaternionSpline, arm: np.ndarray
+) -> TaskWay:
     """The way of a frame H that turns about a point C: of a hand about its wrist.
 
     Its position is p_WH = p_WC + R_WH p_CH_H.
+
+    Args:
+        point: the way of C.
+        orientation: R_WH, as long as the point's way.
+        arm: (3,) p_CH_H, from C to H, in H [m].
     """
 
-    def __init__(
-        self, point: PointTrajectory, orientation: QuaternionSpline, arm: np.ndarray
-    ) -> None:
-        """
-        Args:
-            point: the way of C.
-            orientation: R_WH, as long as the point's way.
-            arm: (3,) p_CH_H, from C to H, in H [m].
-        """
-        self.end = point.end
-        self._point, self._orientation, self._arm = point, orientation, arm
+    def position(time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        p, v, a = point.position(time)
+        R, omega, alpha = orientation(time)
+        p_CH = R @ arm
+        turning = np.cross(omega, p_CH)
+        return (
+            p + p_CH,
+            v + turning,
+            a + np.cross(alpha, p_CH) + np.cross(omega, turning),
+        )
 
-    def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""
-        return self._orientation(time)
-
-    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """p (3,) [m], its velocity and its acceleration at `time` [s], in W."""
-        p, v, a = self._point.position(time)
-        R, omega, alpha = self._orientation(time)
-        arm = R @ self._arm
-        turning = np.cross(omega, arm)
-        return p + arm, v + turning, a + np.cross(alpha, arm) + np.cross(omega, turning)
+    return TaskWay(point.end, position, orientation)
 
 
 def head_way(
     performer: Performer, retargeted: RetargetedMotion, length: float, cutoff: float
-) -> PointTrajectory:
+) -> TaskWay:
     """The way of the head: from the neck as the performer's is.
 
     Args:
@@ -89,6 +111,6 @@ def head_way(
             f"motion {performer.name}: neck and head coincide in frame "
             f"{int(norm.argmin()) + 1}, so that the neck has no direction"
         )
-    return PointTrajectory(
+    return point_way(
         spline(retargeted.time, retargeted.positions["neck"] + length * way / norm)
     )

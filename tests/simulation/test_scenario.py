@@ -18,7 +18,7 @@ from crar_drake.simulation.scenario import (
     parse_scenario,
     scenario_names,
 )
-from crar_drake.targets.keyframes import Keyframe, KeyframeTrajectory
+from crar_drake.targets.keyframes import Keyframe, keyframe_way
 
 VALID = "motion: dance\nexperiment: wrists\n"
 
@@ -142,7 +142,7 @@ def frames(*times: float, **changes) -> list[Keyframe]:
 )
 def test_refused_keyframes(keyframes, words):
     with pytest.raises(ScenarioError) as caught:
-        KeyframeTrajectory("tool", keyframes)
+        keyframe_way("tool", keyframes)
     for word in ["tool", *words]:
         assert word in str(caught.value)
 

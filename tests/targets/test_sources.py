@@ -7,8 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ScenarioError
 from crar_drake.law.tasks import TaskLayout
-from crar_drake.targets.keyframes import Keyframe, KeyframeTrajectory
+from crar_drake.targets.keyframes import Keyframe, keyframe_way
 from crar_drake.targets.sources import PoseTrajectorySource
+from crar_drake.targets.ways import TaskWay
 
 KEYFRAMES = [
     Keyframe(0.5, [0.4, 0.0, 0.3], [180, 0, 180]),
@@ -23,8 +24,8 @@ LAYOUT = TaskLayout(
 
 
 @pytest.fixture(scope="module")
-def way() -> KeyframeTrajectory:
-    return KeyframeTrajectory("tool", KEYFRAMES)
+def way() -> TaskWay:
+    return keyframe_way("tool", KEYFRAMES)
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +34,9 @@ def source() -> PoseTrajectorySource:
     return PoseTrajectorySource(
         LAYOUT,
         {
-            "hand": KeyframeTrajectory("hand", slow),
-            "tool": KeyframeTrajectory("tool", KEYFRAMES),
-            "head": KeyframeTrajectory("head", KEYFRAMES[:2]),
+            "hand": keyframe_way("hand", slow),
+            "tool": keyframe_way("tool", KEYFRAMES),
+            "head": keyframe_way("head", KEYFRAMES[:2]),
         },
     )
 
@@ -93,7 +94,7 @@ def test_it_starts_and_ends_at_rest(way):
 
 def test_it_turns_the_shorter_way():
     """From a yaw of 170 to one of 190 degrees, through 180, though given as -170."""
-    way = KeyframeTrajectory(
+    way = keyframe_way(
         "tool",
         [Keyframe(0.0, rpy_deg=[0, 0, 170]), Keyframe(2.0, rpy_deg=[0, 0, -170])],
     )
@@ -111,8 +112,8 @@ def test_source_emits_the_layout(source, t):
     value = source.get_output_port().Eval(context)
     np.testing.assert_array_equal(value, source.at(t))
     desired = LAYOUT.unpack(value)
-    tool, head = KeyframeTrajectory("tool", KEYFRAMES), KEYFRAMES[:2]
-    head = KeyframeTrajectory("head", head)
+    tool, head = keyframe_way("tool", KEYFRAMES), KEYFRAMES[:2]
+    head = keyframe_way("head", head)
     np.testing.assert_allclose(desired.R[0], tool.orientation(t)[0], atol=1e-12)
     np.testing.assert_allclose(desired.R[1], head.orientation(t)[0], atol=1e-12)
     np.testing.assert_allclose(desired.p[0], tool.position(t)[0])
@@ -130,7 +131,7 @@ def test_source_lasts_as_long_as_the_longest(source):
 
 
 def test_tasks_and_keyframes_must_agree():
-    way = KeyframeTrajectory("tool", KEYFRAMES)
+    way = keyframe_way("tool", KEYFRAMES)
     layout = TaskLayout(("tool",), ("pose",))
     with pytest.raises(ScenarioError, match="none for task tool"):
         PoseTrajectorySource(layout, {})

@@ -27,7 +27,7 @@ def print_what_is_at_hand() -> None:
         if import_file(name) is not None and name not in imported:
             robots[name] += f"; first: crar-drake import-robot {name}"
     motions = {name: duration(name) for name in builtin_names()}
-    motions |= {files.name: str(files.amc) for files in available_trials()}
+    motions |= {name: str(file) for name, file in available_trials().items()}
     scenarios = {name: load_scenario(name).description for name in scenario_names()}
     for title, entries in (
         ("Robots, which a scenario names (crar-drake import-robot adds more)", robots),

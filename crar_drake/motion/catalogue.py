@@ -16,9 +16,10 @@ import difflib
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.formats.asf_amc import Clip, read_amc, read_asf
@@ -75,11 +76,9 @@ _FORMATS: dict[str, Load] = {
 MOTION_SUFFIXES = (".amc", *_FORMATS)
 
 
-@dataclass(frozen=True)
-class MotionFiles:
-    """A motion's two files."""
+class MotionFiles(NamedTuple):
+    """An AMC motion's two files."""
 
-    name: str  # what the user called the motion
     amc: Path  # the motion file
     asf: Path  # the file of the skeleton that it moves
 
@@ -130,8 +129,7 @@ def motion_files(
     if _is_path(name) and Path(name).suffix.lower() in _FORMATS:
         besides = [options.skeleton, options.joints]
         return tuple(Path(p).expanduser() for p in (name, *filter(None, besides)))
-    files = resolve(name, options.skeleton or None)
-    return files.amc, files.asf
+    return resolve(name, options.skeleton or None)
 
 
 def refuse_robot_motion(path: str | os.PathLike[str]) -> None:
@@ -164,11 +162,9 @@ def load_clip(
     Raises:
         MotionError: as `resolve`, or a file is damaged.
     """
-    files = resolve(name, skeleton)
-    clip = read_amc(
-        files.amc, read_asf(files.asf), frame_rate=frame_rate, name=files.name
-    )
-    if clip.rate_source == "assumed" and files.name.startswith(CMU_PREFIX):
+    text, files = os.fspath(name), resolve(name, skeleton)
+    clip = read_amc(files.amc, read_asf(files.asf), frame_rate=frame_rate, name=text)
+    if clip.rate_source == "assumed" and text.startswith(CMU_PREFIX):
         clip = replace(clip, rate_source="database")
     return clip
 
@@ -189,7 +185,11 @@ def resolve(
     """
     text = os.fspath(name)
     if _is_path(name):
-        return _resolve_path(text, skeleton)
+        amc = _existing_file(text, ".amc", "motion")
+        if skeleton is None:
+            return MotionFiles(amc, _skeleton_beside(amc))
+        asf = _existing_file(os.fspath(skeleton), ".asf", "skeleton")
+        return MotionFiles(amc, asf)
     if skeleton is not None:
         raise MotionError(
             f"motion {text!r} has its own skeleton; leave {os.fspath(skeleton)} away, "
@@ -210,15 +210,6 @@ def _is_path(name: str | os.PathLike[str]) -> bool:
 
 
 # --- paths ------------------------------------------------------------------------
-
-
-def _resolve_path(text: str, skeleton: str | os.PathLike[str] | None) -> MotionFiles:
-    amc = _existing_file(text, ".amc", "motion")
-    if skeleton is None:
-        asf = _skeleton_beside(amc)
-    else:
-        asf = _existing_file(os.fspath(skeleton), ".asf", "skeleton")
-    return MotionFiles(text, amc, asf)
 
 
 def _existing_file(text: str, suffix: str, kind: str) -> Path:
@@ -301,9 +292,7 @@ def trial_files(folder: Path, trial: str) -> MotionFiles:
     """Returns where a trial's files are in a folder laid out like the database."""
     subject = trial.partition("_")[0]
     place = folder / "subjects" / subject
-    return MotionFiles(
-        CMU_PREFIX + trial, place / f"{trial}.amc", place / f"{subject}.asf"
-    )
+    return MotionFiles(place / f"{trial}.amc", place / f"{subject}.asf")
 
 
 def search_path() -> list[Path]:
@@ -313,37 +302,36 @@ def search_path() -> list[Path]:
 
 
 def _resolve_trial(text: str) -> MotionFiles:
-    trial = trial_id(text)
-    candidates = [trial_files(folder, trial) for folder in search_path()]
-    for files in candidates:
-        if files.amc.is_file() and files.asf.is_file():
+    trial, folders = trial_id(text), search_path()
+    there = [trial_files(folder, trial) for folder in folders]
+    there = [files for files in there if files.amc.is_file()]
+    for files in there:
+        if files.asf.is_file():
             return files
-    for files in candidates:
-        if files.amc.is_file():
-            raise MotionError(
-                f"{text}: the motion is there, but its skeleton {files.asf} is "
-                f"missing; get it from {DATABASE_URL}"
-            )
-    there = trial_files(Path(), trial)
-    places = ", ".join(str(folder) for folder in search_path()) or "not set"
+    if there:
+        raise MotionError(
+            f"{text}: the motion is there, but its skeleton {there[0].asf} is missing; "
+            f"get it from {DATABASE_URL}"
+        )
+    amc, asf = trial_files(Path(), trial)
+    places = ", ".join(str(folder) for folder in folders) or "not set"
     raise MotionError(
-        f"{text} is not in {SEARCH_PATH_VARIABLE} ({places}); get {there.amc} and "
-        f"{there.asf} from {DATABASE_URL}, and name the folder that has subjects/ in it"
+        f"{text} is not in {SEARCH_PATH_VARIABLE} ({places}); get {amc} and "
+        f"{asf} from {DATABASE_URL}, and name the folder that has subjects/ in it"
     )
 
 
-def available_trials() -> list[MotionFiles]:
-    """Returns the trials that can be used now, by number."""
-    found: dict[str, MotionFiles] = {}
+def available_trials() -> dict[str, Path]:
+    """Name of each trial that can be used now to its AMC file, by number."""
+    found: dict[tuple[int, ...], Path] = {}
     for folder in search_path():
         for path in folder.glob("subjects/*/*.amc"):
-            if path.stem in found or not _is_trial(path.stem):
-                continue
-            files = trial_files(folder, path.stem)
-            if files.amc.is_file() and files.asf.is_file():
-                found[path.stem] = files
-    order = sorted(found, key=lambda trial: [int(part) for part in trial.split("_")])
-    return [found[trial] for trial in order]
+            if _is_trial(path.stem) and all(
+                file.is_file() for file in trial_files(folder, path.stem)
+            ):
+                number = tuple(map(int, path.stem.split("_")))
+                found.setdefault(number, trial_files(folder, path.stem).amc)
+    return {CMU_PREFIX + found[number].stem: found[number] for number in sorted(found)}
 
 
 # --- built-in motions -------------------------------------------------------------
@@ -358,11 +346,9 @@ def _resolve_builtin(name: str) -> MotionFiles:
     names = builtin_names()
     if name in names:
         amc = builtin_motions_folder() / f"{name}.amc"
-        return MotionFiles(name, amc, _skeleton_beside(amc))
-    if _is_trial(name):
-        nearest = [CMU_PREFIX + name]
-    else:
-        nearest = difflib.get_close_matches(name.lower(), names, n=1)
+        return MotionFiles(amc, _skeleton_beside(amc))
+    nearest = [CMU_PREFIX + name] if _is_trial(name) else []
+    nearest += difflib.get_close_matches(name.lower(), names, n=1)
     question = f"; did you mean {nearest[0]!r}?" if nearest else "."
     raise MotionError(
         f"there is no motion {name!r}{question} Built in: "

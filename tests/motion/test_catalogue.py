@@ -83,7 +83,7 @@ def test_skeleton_by_name_then_by_subject_then_the_only_one(tmp_path):
     assert resolve(str(amc)).asf == subject
     own = write(tmp_path / "05_02.asf", ONE_BONE)
     files = resolve(str(amc))
-    assert (files.name, files.amc, files.asf) == (str(amc), amc, own)
+    assert files == (amc, own)
 
 
 def test_given_skeleton_comes_before_the_one_beside(tmp_path):
@@ -171,7 +171,6 @@ def test_trial_from_search_path_in_order(tmp_path, monkeypatch):
     assert resolve("cmu:05_02").amc.is_relative_to(second)
     add_trial(first, "05_02")
     files = resolve("cmu:05_02")
-    assert files.name == "cmu:05_02"
     assert files.amc == first / "subjects" / "05" / "05_02.amc"
     assert files.asf == first / "subjects" / "05" / "05.asf"
     # Without its skeleton it does not hide a complete one.
@@ -220,7 +219,7 @@ def test_malformed_trial_as_motion_name(trials):
 
 
 def test_lists_of_trials(tmp_path, monkeypatch, trials):
-    assert available_trials() == []
+    assert available_trials() == {}
     mine = tmp_path / "mine"
     monkeypatch.setenv("CRAR_MOCAP_PATH", os.pathsep.join([str(mine), str(trials)]))
     for folder, trial in [(mine, "14_07"), (trials, "127_23"), (trials, "05_02")]:
@@ -229,15 +228,14 @@ def test_lists_of_trials(tmp_path, monkeypatch, trials):
     write(mine / "subjects" / "14" / "notes.amc", AMC)  # not a trial
     write(mine / "subjects" / "77" / "77_01.amc", AMC)  # without a skeleton
     write(trials / "subjects" / "05" / "05_03.amc.part", AMC[:20])
-    names = [files.name for files in available_trials()]
-    assert names == ["cmu:05_02", "cmu:14_07", "cmu:127_23"]
-    assert available_trials()[0].amc.is_relative_to(mine)
-    for files in available_trials():
-        assert resolve(files.name) == files
+    assert list(available_trials()) == ["cmu:05_02", "cmu:14_07", "cmu:127_23"]
+    assert available_trials()["cmu:05_02"].is_relative_to(mine)
+    for name, amc in available_trials().items():
+        assert resolve(name).amc == amc
 
 
 def test_real_trials_by_name(cmu):
-    assert "cmu:05_02" in [files.name for files in available_trials()]
+    assert "cmu:05_02" in available_trials()
     clip = load_clip("cmu:09_06")
     assert (clip.name, clip.num_frames) == ("cmu:09_06", 141)
 
@@ -249,7 +247,7 @@ def test_builtin_motions_share_a_skeleton(builtin):
     assert builtin_names() == ["boxing", "dance"]
     for name in builtin_names():
         files = resolve(name)
-        assert (files.name, files.amc) == (name, builtin / f"{name}.amc")
+        assert files.amc == builtin / f"{name}.amc"
         assert files.asf == builtin / "performer.asf"
         assert load_clip(name).name == name
 

@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from crar_drake.errors import MotionError
+from crar_drake.motion.conditioning import low_pass
 
 T = TypeVar("T")
 Points = Mapping[str, np.ndarray]  # joint to (T, 3) positions, or (3,) of a rest pose
@@ -36,6 +37,7 @@ PARENTS: Mapping[str, str] = MappingProxyType(
     }
 )
 JOINTS = tuple(PARENTS)
+_SHORTEST = 1e-3  # from joint to joint, of which a direction is worth keeping [m]
 SIDES = ("left", "right")
 ARM = ("shoulder", "elbow", "wrist")
 LEG = ("hip", "knee", "ankle")
@@ -160,6 +162,38 @@ class Performer(Described, Sampled):
         if self.obstacle:
             raise MotionError(self.obstacle)
         return {name: self.positions[file_joint(name)] for name in JOINT_CENTRES}
+
+    def smooth(
+        self, samples: Mapping[str, np.ndarray], cutoff: float
+    ) -> dict[str, np.ndarray]:
+        """Samples (T, ...) of the motion by name, after `conditioning.low_pass`.
+
+        Raises:
+            MotionError: the motion is too short, or the cutoff [Hz] too high.
+        """
+        try:
+            return {
+                name: low_pass(each, self.frame_rate, cutoff)
+                for name, each in samples.items()
+            }
+        except MotionError as error:
+            raise MotionError(f"motion {self.name}: {error}") from error
+
+    def directions(self, a: str, b: str, ways: np.ndarray) -> np.ndarray:
+        """(T, 3) unit vectors along ways (T, 3) from joint a to joint b.
+
+        Raises:
+            MotionError: they coincide in a frame.
+        """
+        lengths = np.linalg.norm(ways, axis=1, keepdims=True)
+        frame = int(np.argmin(lengths))
+        # Written so that a NaN fails, too.
+        if not lengths[frame] >= _SHORTEST:
+            raise MotionError(
+                f"motion {self.name}: {a} and {b} coincide in frame {frame + 1}, so "
+                "that nothing tells a direction; check the skeleton's lengths"
+            )
+        return ways / lengths
 
     def matches(self) -> Iterator[str]:
         """Yields "joint: what of the file", a line for each joint of JOINTS."""

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.conditioning import low_pass, unit_vectors
+from crar_drake.motion.conditioning import unit_vectors
 from crar_drake.motion.held_feet import about_vertical, find_contacts, twist
 from crar_drake.motion.orientations import smooth_turns
 from crar_drake.motion.performer import LEG, SIDES, Performer
@@ -56,13 +56,7 @@ def smooth_legs(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
             "to follow; name them in --joints FILE (crar-drake run --tasks "
             "upper-body needs none)"
         )
-    try:
-        return {
-            name: low_pass(performer.positions[name], performer.frame_rate, cutoff)
-            for name in names
-        }
-    except MotionError as error:
-        raise MotionError(f"motion {performer.name}: {error}") from error
+    return performer.smooth({name: performer.positions[name] for name in names}, cutoff)
 
 
 def leg_length(performer: Performer, side: str) -> float:

@@ -12,12 +12,8 @@ from pydrake.trajectories import BsplineTrajectory
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError, MotionError
-from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass, spline
+from crar_drake.motion.conditioning import DEFAULT_CUTOFF, spline
 from crar_drake.motion.performer import ARM, SIDES, Performer, Sampled
-
-# Below this a segment has no direction worth keeping.
-_SHORTEST_SEGMENT = 1e-3  # [m]
-
 
 # Joint centre: the one that it hangs on, from the waist outwards.
 HANGS_ON: Mapping[str, str] = MappingProxyType(
@@ -97,36 +93,14 @@ def retarget(
             start = HANGS_ON.get(centre, "the ground")
             what = f"length from {start} to {centre}"
             raise ModelError(f"the robot's {what} must be positive, not {length} m")
-    name, rate, raw = performer.name, performer.frame_rate, performer.centres()
-    try:
-        smooth = {
-            centre: low_pass(samples, rate, cutoff) for centre, samples in raw.items()
-        }
-        heading = low_pass(performer.heading, rate, cutoff)
-    except MotionError as error:
-        raise MotionError(f"motion {name}: {error}") from error
-
+    raw = performer.centres()
+    smooth = performer.smooth({**raw, "heading": performer.heading}, cutoff)
+    heading = smooth.pop("heading")
     waist = smooth["waist"] * (lengths["waist"] / performer.hip_height)
     waist[:, :2] -= waist[0, :2].copy()
     positions = {"waist": waist}
     for end, start in HANGS_ON.items():
-        _check_segment(name, raw, start, end)
-        norm = _check_segment(name, smooth, start, end)
-        direction = (smooth[end] - smooth[start]) / norm[:, None]
-        positions[end] = positions[start] + lengths[end] * direction
-    return RetargetedMotion(name, rate, positions, heading)
-
-
-def _check_segment(
-    motion: str, positions: dict[str, np.ndarray], start: str, end: str
-) -> np.ndarray:
-    """Returns the segment's (T,) lengths [m], none of them nearly zero."""
-    norm = np.linalg.norm(positions[end] - positions[start], axis=1)
-    frame = int(np.argmin(norm))
-    # Written so that a NaN fails, too.
-    if not norm[frame] >= _SHORTEST_SEGMENT:
-        raise MotionError(
-            f"motion {motion}: {start} and {end} coincide in frame {frame + 1}, "
-            f"so the segment has no direction to keep; check the skeleton's lengths"
-        )
-    return norm
+        performer.directions(start, end, raw[end] - raw[start])
+        way = performer.directions(start, end, smooth[end] - smooth[start])
+        positions[end] = positions[start] + lengths[end] * way
+    return RetargetedMotion(performer.name, performer.frame_rate, positions, heading)

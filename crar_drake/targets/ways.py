@@ -12,9 +12,6 @@ from crar_drake.motion.performer import Performer
 from crar_drake.motion.quaternion_spline import QuaternionSpline
 from crar_drake.motion.retarget import RetargetedMotion
 
-# Below this neck and head have no direction worth keeping [m].
-_SHORTEST_NECK = 1e-3
-
 # time [s] to a value, its velocity and its acceleration
 Way = Callable[[float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
@@ -104,13 +101,5 @@ def head_way(
         raise MotionError(f"motion {performer.name}: it has no head; leave that out")
     p = performer.positions
     way = low_pass(p["head"] - p["neck"], performer.frame_rate, cutoff)
-    norm = np.linalg.norm(way, axis=1, keepdims=True)
-    # Written so that a NaN fails, too.
-    if not norm.min() >= _SHORTEST_NECK:
-        raise MotionError(
-            f"motion {performer.name}: neck and head coincide in frame "
-            f"{int(norm.argmin()) + 1}, so that the neck has no direction"
-        )
-    return point_way(
-        spline(retargeted.time, retargeted.positions["neck"] + length * way / norm)
-    )
+    way = length * performer.directions("neck", "head", way)
+    return point_way(spline(retargeted.time, retargeted.positions["neck"] + way))

@@ -52,9 +52,6 @@ LIMBS = {
     "shoulders": (("left_shoulder", "right_shoulder"),) * 2,
     "head": (("neck", "head"),) * 2,
 }
-# Shorter than this a limb has no direction worth keeping [m].
-_SHORTEST = 1e-3
-
 
 @dataclass(frozen=True, eq=False)
 class FootTarget:
@@ -173,14 +170,7 @@ def _ways(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
     ways = low_pass(ways, performer.frame_rate, cutoff)
     found = dict(zip(ends, ways.swapaxes(0, 1), strict=True))
     for name, way in found.items():
-        norm = np.linalg.norm(way, axis=1)
-        frame = int(norm.argmin())
-        if not norm[frame] >= _SHORTEST:
-            a, b = ends[name]
-            raise MotionError(
-                f"motion {performer.name}: {a} and {b} coincide in frame {frame + 1}, "
-                "so that the limb has no direction; check the skeleton's lengths"
-            )
+        performer.directions(*ends[name], way)
     return found
 
 

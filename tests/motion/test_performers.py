@@ -195,6 +195,16 @@ def test_a_skeleton_that_lies_in_a_world_in_which_it_moves_upright(
     assert np.abs(np.degrees(off)).max() < 20.0
 
 
+def test_a_neck_that_no_name_tells_is_between_the_shoulders(clip, tmp_path) -> None:
+    performer = performed(
+        tmp_path, bvh_text(clip, Convention()).replace("Neck", "Bone")
+    )
+    assert "neck: between the shoulders (a guess)" in list(performer.matches())
+    shoulders = [performer.positions[f"{side}_shoulder"] for side in ("left", "right")]
+    np.testing.assert_allclose(performer.positions["neck"], np.mean(shoulders, axis=0))
+    assert "neck" not in performer.orientations
+
+
 def test_one_frame_apart_is_left_out(clip, tmp_path) -> None:
     joints = {name: values.copy() for name, values in clip.joints.items()}
     for values in joints.values():

@@ -9,6 +9,8 @@ and exceed a full turn as well.
 import math
 import os
 import re
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -344,13 +346,16 @@ def read_amc(
     """
     counts = {bone.name: len(bone.dof) for bone in skeleton.bones.values()}
     counts["root"] = 6
-    rows: dict[str, list] = {bone: [] for bone, count in counts.items() if count}
+    # The numbers are read at last, all at once.
+    columns: dict[str, list] = {bone: [] for bone, count in counts.items() if count}
     frames, angle_unit = 0, "degrees"
     stated_rate: float | None = None
     lines = NumberedLines(path, comment="#")
 
     def check_complete() -> None:
-        missing = [bone for bone, read in rows.items() if len(read) < frames]
+        missing = [
+            b for b, column in columns.items() if len(column) < frames * counts[b]
+        ]
         if missing:
             more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
             lines.fail(
@@ -361,15 +366,16 @@ def read_amc(
 
     for words in lines:
         bone = words[0]
-        if bone in rows and frames > 0:
-            if len(words) - 1 != counts[bone]:
+        if bone in columns and frames > 0:
+            column, count = columns[bone], counts[bone]
+            if len(words) - 1 != count:
                 lines.fail(
-                    f"{bone} needs {counts[bone]} values on skeleton "
+                    f"{bone} needs {count} values on skeleton "
                     f"{shown(skeleton.name)}, found {len(words) - 1}"
                 )
-            if len(rows[bone]) == frames:
+            if len(column) == frames * count:
                 lines.fail(f"{bone} appears twice in frame {frames}")
-            rows[bone].append(lines.numbers(words[1:]))
+            column += words[1:]
         elif len(words) == 1 and bone.isascii() and bone.isdigit():
             check_complete()
             if int(bone) != frames + 1:
@@ -404,7 +410,7 @@ def read_amc(
         lines.fail(f"the motion has {have}; at least 2 are needed")
     check_complete()
 
-    values = {bone: np.array(read) for bone, read in rows.items()}
+    values = _numbers(lines.path, columns, frames)
     root = values.pop("root")
     rate, rate_source = frame_rate, "given"
     if rate is None:
@@ -424,6 +430,24 @@ def read_amc(
         rate_source=rate_source,
         angle_unit=angle_unit,
     )
+
+
+def _numbers(
+    path: Path, columns: Mapping[str, list[str]], frames: int
+) -> dict[str, np.ndarray]:
+    """Bone to (frames, k) numbers of its words, of all frames one after the other."""
+    with suppress(ValueError):
+        values = {
+            bone: np.array(list(map(float, column))).reshape(frames, -1)
+            for bone, column in columns.items()
+        }
+        if all(np.isfinite(numbers).all() for numbers in values.values()):
+            return values
+    lines = NumberedLines(path, comment="#")  # once more, to say where
+    for words in lines:
+        if words[0] in columns:
+            lines.numbers(words[1:])
+    raise AssertionError
 
 
 # --- kinematics -------------------------------------------------------------------

@@ -71,10 +71,10 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
             + " are about 0 beside their OFFSET: added to it"
         )
     tree = tree.during(kept)
+    own = {joint: i for joint, i in found.items() if joint in JOINTS}
     labels = {
         joint: tree.names[i] or f"end of {tree.names[tree.parents[i]]}"
-        for joint, i in found.items()
-        if joint in JOINTS
+        for joint, i in own.items()
     }
     if guessed:
         labels["neck"] = "between the shoulders"
@@ -98,7 +98,7 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
             joints=labels,
             guessed=guessed,
             rest=rest,
-            rotations={joint: tree.rotations[found[joint]] for joint in labels},
+            rotations={joint: tree.rotations[i] for joint, i in own.items()},
             pelvis_up=_pelvis_up(tree, found),
             hands=hands,
             hands_obstacle=hands_obstacle,

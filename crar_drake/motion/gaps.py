@@ -16,15 +16,17 @@ LONGEST_GAP = 0.2  # [s]
 class Gap:
     """Frames first..last of a point that are missing."""
 
-    point: str  # its name
     first: int  # its number, from 1
     last: int  # as well
     filled: str  # "spline", "line", or "held" (at the beginning or end)
 
+    @property
+    def frames(self) -> int:
+        """How many they are."""
+        return self.last - self.first + 1
 
-def fill_gaps(
-    name: str, samples: np.ndarray, frame_rate: float
-) -> tuple[np.ndarray, list[Gap]]:
+
+def fill_gaps(samples: np.ndarray, frame_rate: float) -> tuple[np.ndarray, list[Gap]]:
     """Fills missing frames of a point.
 
     Args:
@@ -40,7 +42,7 @@ def fill_gaps(
         return samples, []
     index = np.arange(len(samples))
     if np.count_nonzero(seen) < 2:
-        return np.full_like(samples, np.nan), [Gap(name, 1, len(samples), "held")]
+        return np.full_like(samples, np.nan), [Gap(1, len(samples), "held")]
     filled = samples.copy()
     cubic = CubicSpline(index[seen], samples[seen])
     gaps = []
@@ -56,7 +58,7 @@ def fill_gaps(
             how = "line"
             share = (missing - (begin - 1))[:, None] / (end - begin + 1)
             filled[missing] = (1 - share) * samples[begin - 1] + share * samples[end]
-        gaps.append(Gap(name, begin + 1, end, how))
+        gaps.append(Gap(begin + 1, end, how))
     return filled, gaps
 
 
@@ -69,27 +71,27 @@ def fill_all(
         The points; a note on short gaps; findings, a line for each point with gaps that
         no spline fills.
     """
-    filled, short, long = {}, [], []
+    filled, short, many, findings = {}, [], 0, []
     for name, samples in points.items():
-        whole, gaps = fill_gaps(name, samples, frame_rate)
-        if np.isfinite(whole).all():
-            filled[name] = whole
-            short += [gap for gap in gaps if gap.filled == "spline"]
-            rest = [gap for gap in gaps if gap.filled != "spline"]
-            if rest:
-                worst = max(rest, key=lambda gap: gap.last - gap.first)
-                long.append(
-                    f"{name} is hidden {len(rest)} times too long for a spline"
-                    f" or at an end, at most in frames {worst.first} to {worst.last} "
-                    f"({(worst.last - worst.first + 1) / frame_rate:.2f} s): it goes "
-                    "straight there, or stands still"
-                )
+        whole, gaps = fill_gaps(samples, frame_rate)
+        if not np.isfinite(whole).all():
+            continue
+        filled[name] = whole
+        by_spline = [gap for gap in gaps if gap.filled == "spline"]
+        short, many = short + by_spline, many + bool(by_spline)
+        if rest := [gap for gap in gaps if gap.filled != "spline"]:
+            worst = max(rest, key=lambda gap: gap.frames)
+            findings.append(
+                f"{name} is hidden {len(rest)} times too long for a spline"
+                f" or at an end, at most in frames {worst.first} to {worst.last} "
+                f"({worst.frames / frame_rate:.2f} s): it goes straight there, or "
+                "stands still"
+            )
     notes = ()
     if short:
-        frames = sum(gap.last - gap.first + 1 for gap in short)
-        many = len({gap.point for gap in short})
         notes = (
-            f"{len(short)} gaps of {many} points, {frames} frames in all and none "
-            f"longer than {LONGEST_GAP:g} s, are filled by splines",
+            f"{len(short)} gaps of {many} points, {sum(gap.frames for gap in short)} "
+            f"frames in all and none longer than {LONGEST_GAP:g} s, are filled by "
+            "splines",
         )
-    return filled, notes, tuple(long)
+    return filled, notes, tuple(findings)

@@ -37,8 +37,6 @@ LAYOUTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 
-# What else than its own name a joint's point is called.
-_SAME = {"left_toe": "left_foot", "right_toe": "right_foot"}
 # A joint that has no point of its own is the mean of these, if all are there.
 MEANS: Mapping[str, tuple[tuple[str, ...], ...]] = MappingProxyType(
     {
@@ -76,15 +74,3 @@ def are_numbered(names: tuple[str, ...]) -> bool:
         return False
     numbers = [int(found[2]) for found in cut]
     return numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-
-
-def joints_of_layout(names: tuple[str, ...], joints: tuple[str, ...]) -> dict[str, int]:
-    """Joint to the index of its point, of those that have one."""
-    lowered = [name.strip().lower() for name in names]
-    found = {}
-    for joint in joints:
-        for name in (joint, _SAME.get(joint)):
-            if name in lowered:
-                found[joint] = lowered.index(name)
-                break
-    return found

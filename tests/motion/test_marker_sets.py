@@ -153,10 +153,10 @@ def test_a_spline_follows_what_a_line_would_cut() -> None:
     truth = np.stack([np.sin(6.0 * time), np.cos(6.0 * time), time], axis=1)
     holed = truth.copy()
     holed[40:55] = np.nan
-    filled, (gap,) = fill_gaps("p", holed, 100.0)
+    filled, (gap,) = fill_gaps(holed, 100.0)
     assert (gap.first, gap.last, gap.filled) == (41, 55, "spline")
     np.testing.assert_allclose(filled, truth, atol=3e-3)
-    filled, (gap,) = fill_gaps("p", holed, 50.0)
+    filled, (gap,) = fill_gaps(holed, 50.0)
     assert gap.filled == "line"
     assert np.abs(filled - truth).max() > 0.05
 

@@ -37,12 +37,12 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.motion.array_files import load_arrays, npz_names
 from crar_drake.motion.formats.point_arrays import RATES, one_rate
+from crar_drake.motion.joint_names import joints_by_name
 from crar_drake.motion.options import MotionOptions
-from crar_drake.motion.performer import JOINTS, Fact, Performer, repeated
+from crar_drake.motion.performer import Fact, Performer, repeated
 from crar_drake.motion.performers.assemble import Recording, assemble
 from crar_drake.motion.plain_pickle import read_plain_pickle
 from crar_drake.motion.plausible import refuse_far
-from crar_drake.motion.point_layouts import joints_of_layout
 from crar_drake.motion.segment_tree import tree_of_turns
 from crar_drake.motion.smpl_skeleton import (
     BODY_AXES,
@@ -203,7 +203,7 @@ def _performer(motion: SmplMotion, name: str, options: MotionOptions) -> Perform
     # The pelvis turns about itself: its offset does not turn.
     root = motion.translations + offsets[0]
     tree = tree_of_turns(NAMES, PARENTS, [root, *offsets[1:]], turns)
-    index = joints_of_layout(NAMES, JOINTS)
+    index = joints_by_name(NAMES)
     return assemble(
         Recording(
             name=name,

@@ -27,7 +27,7 @@ from crar_drake.motion.performers.assemble import (
     Recording,
     assemble,
 )
-from crar_drake.motion.point_layouts import LAYOUTS, MEANS, joints_of_layout, layout_of
+from crar_drake.motion.point_layouts import LAYOUTS, MEANS, layout_of
 
 # So many more markers with the names of a body's are of another one.
 _SECOND_BODY = 10
@@ -67,7 +67,7 @@ def joints_performer(
             f"is no layout that is known ({', '.join(LAYOUTS)}); put an array names of "
             "their names into an NPZ"
         )
-    found = joints_of_layout(names, JOINTS) if layout else joints_by_name(names)
+    found = joints_by_name(names)
     if options.joints:
         found |= load_joint_file(options.joints, names)
     common, filled = _common(

@@ -8,7 +8,6 @@ too.
 """
 
 import bz2
-import gzip
 import io
 import lzma
 import math
@@ -31,11 +30,12 @@ from crar_drake.motion.array_files import LARGEST
 _LARGEST_RATIO, _SMALL = 100, 64 * 2**20
 
 # First bytes of what joblib compresses with, and what unpacks it.
-_COMPRESSED = {
-    b"\x1f\x8b": gzip.open,
-    b"BZ": bz2.open,
-    b"\xfd7zXZ": lzma.open,
-    b"]\x00": lzma.open,
+_UNPACKERS = {
+    b"x": zlib.decompressobj,
+    b"\x1f\x8b": lambda: zlib.decompressobj(16 + zlib.MAX_WBITS),  # gzip
+    b"BZ": bz2.BZ2Decompressor,
+    b"\xfd7zXZ": lzma.LZMADecompressor,
+    b"]\x00": lzma.LZMADecompressor,
 }
 
 # Truth values, integers, floats, texts, objects. NumPy's own reader knows far more.
@@ -264,26 +264,20 @@ def _lengths(shape: object) -> tuple[int, ...]:
 def _unpacked(path: Path) -> bytes:
     data = path.read_bytes()
     most = min(LARGEST, _SMALL + _LARGEST_RATIO * len(data))
+    for magic, unpacker_of in _UNPACKERS.items():
+        if data.startswith(magic):
+            unpacker = unpacker_of()
+            break
+    else:
+        return data
     try:
-        for magic, opener in _COMPRESSED.items():
-            if data.startswith(magic):
-                with opener(path, "rb") as file:
-                    return _bounded(file.read(most + 1), most)
-        # zlib: the first two bytes are a multiple of 31, the method is 8.
-        if data[:1] == b"x" and int.from_bytes(data[:2], "big") % 31 == 0:
-            unpacker = zlib.decompressobj()
-            unpacked = unpacker.decompress(data, most + 1)
-            if not unpacker.eof and len(unpacked) <= most:
-                raise RefusedPickle("the file is cut off")
-            return _bounded(unpacked, most)
+        unpacked = unpacker.decompress(data, most + 1)
     except (EOFError, OSError, zlib.error, lzma.LZMAError) as error:
         raise RefusedPickle(
             f"the compressed file is damaged or cut off ({error})"
         ) from None
-    return data
-
-
-def _bounded(data: bytes, most: int) -> bytes:
-    if len(data) > most:
+    if len(unpacked) > most:
         raise RefusedPickle(f"it unpacks to more than {most / 2**20:.0f} MiB")
-    return data
+    if not unpacker.eof:
+        raise RefusedPickle("the file is cut off")
+    return unpacked

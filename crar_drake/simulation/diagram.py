@@ -126,8 +126,7 @@ def _from_keyframes(scenario: Scenario, model: ControlModel) -> DesiredMotion:
         )
     held = model.prescribed_at(model.rest_positions())
     ways = {
-        name: keyframe_way(name, frames)
-        for name, frames in scenario.keyframes.items()
+        name: keyframe_way(name, frames) for name, frames in scenario.keyframes.items()
     }
     source = PoseTrajectorySource(model.layout, ways)
     return DesiredMotion(

@@ -53,6 +53,7 @@ LIMBS = {
     "head": (("neck", "head"),) * 2,
 }
 
+
 @dataclass(frozen=True, eq=False)
 class FootTarget:
     """A foot at T frames."""

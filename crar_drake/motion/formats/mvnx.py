@@ -81,13 +81,13 @@ def _read(path: Path, name: str, options: MotionOptions) -> Recording:
             segments.append(printable(element.get("label", "")))
         elif tag == "frame":
             if element.get("type", "normal") == "normal" and len(subjects) == 1:
-                for key, row in _row(path, element, len(rows["position"])).items():
+                for key, row in _row(path, element, rows, len(segments)).items():
                     rows[key].append(row)
             element.clear()
     if not segments or not rows["position"]:
         what = "frames with poses" if segments else "segments"
         raise MotionError(f"{path}: it has no {what}")
-    p, Q = (_shaped(path, key, rows[key], len(segments)) for key in _COLUMNS)
+    p, Q = (np.array(rows[key]) for key in _COLUMNS)
     refuse_far(str(path), p)
     lengths = np.linalg.norm(Q, axis=2)
     off = np.argwhere(np.abs(lengths - 1.0) > 0.01)
@@ -128,25 +128,29 @@ def _read(path: Path, name: str, options: MotionOptions) -> Recording:
     )
 
 
-def _shaped(path: Path, key: str, rows: list[np.ndarray], count: int) -> np.ndarray:
-    """(T, count, k) finite numbers of as many segments."""
-    expected = _COLUMNS[key] * count
-    for k, row in enumerate(rows, start=1):
-        if len(row) != expected or not np.isfinite(row).all():
-            raise MotionError(
-                f"{path}, frame {k}: {key} has {len(row)} numbers, or one that is "
-                f"none; {count} segments have {expected}"
-            )
-    return np.array(rows).reshape(-1, count, _COLUMNS[key])
+def _row(
+    path: Path, frame: ElementTree.Element, before: dict[str, list], count: int
+) -> dict[str, np.ndarray]:
+    """Key to the numbers (count, k) that a frame has of as many segments.
 
-
-def _row(path: Path, frame: ElementTree.Element, number: int) -> dict[str, np.ndarray]:
-    """The numbers of a frame, by key."""
+    Args:
+        before: the frames before it.
+    """
+    where = f"{path}, frame {len(before['position']) + 1}"
     texts = {child.tag.rpartition("}")[2]: child.text or "" for child in frame}
     missing = [key for key in _COLUMNS if key not in texts]
     if missing:
         raise MotionError(
-            f"{path}, frame {number + 1}: it has no {' and '.join(missing)}; export "
-            "the segments' positions and orientations, too"
+            f"{where}: it has no {' and '.join(missing)}; export the segments' "
+            "positions and orientations, too"
         )
-    return {key: np.array(texts[key].split(), dtype=float) for key in _COLUMNS}
+    row = {}
+    for key, columns in _COLUMNS.items():
+        numbers, expected = np.array(texts[key].split(), dtype=float), columns * count
+        if len(numbers) != expected or not np.isfinite(numbers).all():
+            raise MotionError(
+                f"{where}: {key} has {len(numbers)} numbers, or one that is none; "
+                f"{count} segments have {expected}"
+            )
+        row[key] = numbers.reshape(count, columns)
+    return row

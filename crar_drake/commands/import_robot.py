@@ -120,7 +120,7 @@ def run(arguments: argparse.Namespace) -> None:
         report = import_robot(
             robot,
             out,
-            package_paths=tuple(arguments.package_path or ()),
+            package_paths=arguments.package_path or [],
             lock=lock,
             cover=arguments.cover,
             base=arguments.base,
@@ -163,13 +163,13 @@ def _what_next(folder: Path) -> str:
     return f"crar-drake run --robot {robot} --motion dance --tasks upper-body"
 
 
-def _groups_to_lock(arguments: argparse.Namespace) -> tuple[str, ...] | None:
+def _groups_to_lock(arguments: argparse.Namespace) -> list[str] | None:
     """None where no option says it."""
     if arguments.whole_body:
-        return ()
+        return []
     if arguments.lock is None:
         return None
-    return tuple(group.strip() for group in arguments.lock.split(","))
+    return [group.strip() for group in arguments.lock.split(",")]
 
 
 @contextmanager

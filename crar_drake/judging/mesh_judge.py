@@ -13,16 +13,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.judging.judged_pairs import pairs_beyond_one_joint
 from crar_drake.judging.mesh_distance import TriangleMesh, distance_apart, mesh_distance
 from crar_drake.judging.mesh_hulls import HULL_MARGIN, Hulls
 from crar_drake.robot.description import (
     RobotDescription,
-    add_robot,
     find_joint,
+    robot_diagram,
     zero_positions,
 )
 from crar_drake.robot_import.link_meshes import read_link_meshes
@@ -82,12 +80,8 @@ class MeshJudge:
             ModelError: its model or one of its meshes cannot be read, or there is no
                 joint that the rest posture names.
         """
-        builder = DiagramBuilder()
-        self._plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-        add_robot(self._plant, description)
-        self._plant.Finalize()
-        builder.Build()  # what is not built is never freed
-        of_links = read_link_meshes(self._plant, self._scene_graph)
+        self._diagram, self._plant, scene_graph = robot_diagram(description)
+        of_links = read_link_meshes(self._plant, scene_graph)
         self.links = [link.name for link in of_links]
         self._bodies = [link.body for link in of_links]
         self._meshes = [TriangleMesh(*triangles_of(link.parts)) for link in of_links]

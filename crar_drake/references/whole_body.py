@@ -9,17 +9,15 @@ from collections.abc import Collection, Sequence
 from functools import cached_property
 
 import numpy as np
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import Joint, RevoluteJoint, RigidBody
-from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError
 from crar_drake.motion.quaternion_spline import sign_continuous
 from crar_drake.robot.description import (
     RobotDescription,
-    add_robot,
     find_frame,
+    robot_diagram,
 )
 from crar_drake.robot.joints import speed_limits
 from crar_drake.robot_import.link_meshes import (
@@ -58,11 +56,7 @@ class WholeBody:
             ModelError: the model cannot be read, or has no joint below its root.
         """
         self.description = description
-        builder = DiagramBuilder()
-        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-        add_robot(self.plant, description)
-        self.plant.Finalize()
-        builder.Build()  # what is not built is never freed
+        self._diagram, self.plant, self.scene_graph = robot_diagram(description)
         self._context = self.plant.CreateDefaultContext()
         self._children = self._find_children()
         self._root = self._find_root()

@@ -10,10 +10,14 @@ from numbers import Real
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import HalfSpace
+from pydrake.geometry import HalfSpace, SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    CoulombFriction,
+    MultibodyPlant,
+)
 from pydrake.multibody.tree import (
     BodyIndex,
     Frame,
@@ -23,6 +27,7 @@ from pydrake.multibody.tree import (
     RigidBody,
     ScopedName,
 )
+from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from crar_drake.errors import ModelError, check_vector, nearest
 from crar_drake.resources import data_folder, imported_robots_folder, install_command
@@ -387,6 +392,21 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
             inset = 0.5 * (1.0 - description.range_share) * (upper - lower)
             joint.set_position_limits(lower + inset, upper - inset)
     place_robot(plant, description, description.rest_pose())
+
+
+def robot_diagram(
+    description: RobotDescription, time_step: float = 0.0
+) -> tuple[Diagram, MultibodyPlant, SceneGraph]:
+    """A diagram of a robot alone (`add_robot`), its plant, finalized, and its scene.
+
+    Args:
+        time_step: of the plant [s]; 0 if continuous.
+    """
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
+    add_robot(plant, description)
+    plant.Finalize()
+    return builder.Build(), plant, scene_graph
 
 
 def check_model(description: RobotDescription) -> None:

@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 from pydrake.geometry import SceneGraph
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram
 
 from crar_drake.errors import ModelError
 from crar_drake.law.compilation import Held
@@ -25,10 +25,10 @@ from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.control_plant import Part, control_plant, refuse_constraints
 from crar_drake.robot.description import (
     RobotDescription,
-    add_robot,
     find_body,
     find_joint,
     find_root,
+    robot_diagram,
 )
 from crar_drake.robot.dynamics import find_dynamics
 from crar_drake.robot.joints import (
@@ -153,11 +153,7 @@ class ControlModel:
         Raises:
             ModelError: as the constructor, and if the file cannot be parsed.
         """
-        builder = DiagramBuilder()
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
-        add_robot(plant, description)
-        plant.Finalize()
-        return ControlModel(builder.Build(), plant, scene_graph, description, tasks)
+        return ControlModel(*robot_diagram(description, time_step), description, tasks)
 
     @staticmethod
     def FromPlant(

@@ -2,16 +2,15 @@
 
 from dataclasses import replace
 
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Joint
-from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import (
     GROUND,
     RobotDescription,
-    add_robot,
     find_body,
+    robot_diagram,
 )
 from crar_drake.robot.joints import names_by_joint
 
@@ -41,10 +40,7 @@ def standing_description(description: RobotDescription) -> RobotDescription:
             "and needs no feet; leave out standing (controller.balance alone keeps it "
             "from tipping), or take a whole body, whose root floats"
         )
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
-    add_robot(plant, description)
-    plant.Finalize()
+    _, plant, _ = robot_diagram(description)
     names = names_by_joint(plant)
     legs = [names[joint.velocity_start()] for joint in leg_joints(plant, description)]
     held = description.prescribed_joints | dict.fromkeys(legs, "hold")

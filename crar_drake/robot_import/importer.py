@@ -5,13 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.errors import ModelError
 from crar_drake.files import whole_set, write_whole
 from crar_drake.resources import require_packages
-from crar_drake.robot.description import IMPORT_FILE, RobotDescription, add_robot
+from crar_drake.robot.description import (
+    IMPORT_FILE,
+    RobotDescription,
+    robot_diagram,
+)
 from crar_drake.robot_import.alarms import (
     floor_alarms,
     limb_alarms,
@@ -75,13 +77,8 @@ def import_robot(
     source: str | os.PathLike[str],
     out: Path,
     *,
-    package_paths: tuple[str, ...] = (),
-    lock: tuple[str, ...] | None = None,
-    cover: bool = False,
-    base: str | None = None,
-    srdf: str = "",
-    posture: str = "",
     progress: Progress | None = None,
+    **given,
 ) -> ImportReport:
     """Turns a robot's own file into a folder with all that a scenario's `robot` needs.
 
@@ -92,13 +89,9 @@ def import_robot(
         source: path of a URDF, SDF or MJCF, or the name of one in
             example-robot-data; "" where `out` has an import.yaml that says it.
         out: the folder.
-        package_paths: folders in which the URDF's packages are looked for.
-        lock: groups of joints to lock (`choices.GROUPS`), on a first import.
-        cover: whether capsules are grown to hold all triangles, on a first import.
-        base: what becomes of the root link (`choices.BASES`), on a first import; None
-            is guessed: it floats where legs are there and not locked.
-        srdf: path of an SRDF, on a first import (`ImportChoices`).
-        posture: which of its postures the robot rests in.
+        progress: is told what is done.
+        given: keys of the import file (`ImportChoices`) that are decided already, on a
+            first import; `package_paths` on any. What is not given is guessed.
 
     Nothing of it is written unless all of it can be; only the import file is, where
     what is guessed has to be corrected first.
@@ -110,6 +103,9 @@ def import_robot(
     check_installed()
     progress = progress or (lambda what, share: None)
     file = out / IMPORT_FILE
+    wanted = ImportChoices(**given)
+    if wanted.srdf:  # an option's path is relative to where one is
+        wanted.srdf = str(Path(wanted.srdf).resolve())
     if file.is_file():
         choices = load_choices(file)
         if source and find_urdf(source)[0] != _locate(choices.source, out):
@@ -117,21 +113,12 @@ def import_robot(
                 f"{file} was made from {choices.source}; to import another robot give "
                 "another --out, or remove that file"
             )
-        _check_given(choices, file, lock, cover, base, srdf, posture)
+        _check_wanted(wanted, choices, file)
     else:
-        _, name = find_urdf(source)
-        choices = ImportChoices(
-            source=name,
-            package_paths=list(package_paths),
-            lock=None if lock is None else list(lock),
-            cover=cover,
-            base=base,
-            srdf=str(Path(srdf).resolve()) if srdf else "",
-            posture=posture,
-        )
+        choices = replace(wanted, source=find_urdf(source)[1])
     choices.validate(str(file))
     progress("reading", 0.0)
-    folders = [Path(p) for p in (*package_paths, *choices.package_paths)]
+    folders = [Path(p) for p in (*wanted.package_paths, *choices.package_paths)]
     robot = read_robot(_locate(choices.source, out), folders)
     choices = replace(choices, name=choices.name or robot.name)
     robot = without_world(robot, choices)
@@ -231,14 +218,14 @@ def _make(
     elif choices.base == "floating":
         description.root = "prescribed"
         description.root_pose = rest_root_pose(robot, height)
-    plant = _parse(description)
+    _, plant, _ = robot_diagram(description)
     rest = rest_positions(plant, rest_posture, file)
     # With all triangles held there is nothing to be closer.
     if not choices.cover:
         progress("comparing capsules with meshes", 1.0)
         if tighten(plant, robot, segments, rest, fits, report):
             write()
-            plant = _parse(description)
+            _, plant, _ = robot_diagram(description)
     anatomy = find_anatomy(robot)
     report.warnings += limb_alarms(robot, choices.frames)
     floating = choices.base == "floating"
@@ -274,38 +261,36 @@ def check_installed() -> None:
     require_packages(_MESH_PACKAGES, "importing robots")
 
 
-def _check_given(
-    choices: ImportChoices,
-    file: Path,
-    lock: tuple[str, ...] | None,
-    cover: bool,
-    base: str | None,
-    srdf: str,
-    posture: str,
-) -> None:
+# Options that an import file decides, and what in it was guessed by them.
+_STALE = {
+    "lock": "locked, segments, rest_posture and pairs",
+    "cover": "pairs",
+    "base": "",
+    "srdf": "locked, rest_posture and pairs",
+    "posture": "locked, rest_posture and pairs",
+}
+
+
+def _check_wanted(wanted: ImportChoices, choices: ImportChoices, file: Path) -> None:
     """What an import file says is changed there, by no option."""
-
-    def refuse(entry: str, outdated: str = "") -> None:
-        take_out = f", take out {outdated}," if outdated else ""
-        raise ModelError(
-            f"{file} is there already: write {entry} into it{take_out} and import "
-            "again without the option"
-        )
-
-    if lock is not None and (choices.lock is None or set(choices.lock) != set(lock)):
-        refuse(f"lock: [{', '.join(lock)}]", "locked, segments, rest_posture and pairs")
-    if cover and not choices.cover:
-        refuse("cover: true", "pairs")
-    if base is not None and base != choices.base:
-        refuse(f"base: {base}")
-    # A path of an option is relative to where one is, of the file to where that is.
-    if srdf and (
-        not choices.srdf
-        or Path(srdf).resolve() != (file.parent / choices.srdf).resolve()
-    ):
-        refuse(f"srdf: {Path(srdf).resolve()}", "locked, rest_posture and pairs")
-    if posture and posture != choices.posture:
-        refuse(f"posture: {posture}", "locked, rest_posture and pairs")
+    for key, stale in _STALE.items():
+        value, known = getattr(wanted, key), getattr(choices, key)
+        if value is None or value in ("", False):
+            continue
+        entry = f"{key}: {value}"
+        if key == "lock":
+            value, known = set(value), None if known is None else set(known)
+            entry = f"lock: [{', '.join(wanted.lock)}]"
+        elif key == "srdf" and known:
+            known = str((file.parent / known).resolve())
+        elif key == "cover":
+            entry = "cover: true"
+        if value != known:
+            take_out = f", take out {stale}," if stale else ""
+            raise ModelError(
+                f"{file} is there already: write {entry} into it{take_out} and import "
+                "again without the option"
+            )
 
 
 def _locate(source: str, out: Path) -> Path:
@@ -331,11 +316,3 @@ def _note_joints(robot: SourceRobot, report: ImportReport) -> None:
     for what, names in lacking.items():
         report.note(f"joints without {what}", names)
     report.notes.append("every controlled joint was given an actuator of its name")
-
-
-def _parse(description: RobotDescription) -> MultibodyPlant:
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
-    add_robot(plant, description)
-    plant.Finalize()
-    return plant

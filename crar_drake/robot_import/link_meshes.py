@@ -1,27 +1,17 @@
 """The real shape of each link of a plant, as triangles."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import (
-    Convex,
-    HalfSpace,
-    Mesh,
-    Role,
-    SceneGraph,
-    SceneGraphInspector,
-    Shape as DrakeShape,
-)
-from pydrake.math import RigidTransform
+from pydrake.geometry import HalfSpace, Mesh, Role, SceneGraph, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 
 from crar_drake.errors import ModelError
 from crar_drake.resources import require_packages
 from crar_drake.robot_import.meshes import GREY, Part, link_parts, read_obj
-from crar_drake.robot_import.robot_folder import TRIANGLES, triangles_file
-from crar_drake.robot_import.source_robot import Link, Shape, drake_shape
+from crar_drake.robot_import.robot_folder import triangles_file
+from crar_drake.robot_import.source_robot import Geometry, Link, Shape
 
 # Module to the package that brings it.
 _PACKAGES = {"trimesh": "trimesh", "fcl": "python-fcl", "coal": "coal"}
@@ -41,9 +31,9 @@ def has_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> bool:
     points alone are what the referee knows."""
     inspector = scene_graph.model_inspector()
     return any(
-        _is_of_file(inspector.GetShape(geometry))
+        shape.path is not None
         for body in _bodies(plant)
-        for geometry in _geometries(plant, inspector, body)
+        for shape in _shapes(plant, inspector, body)
     )
 
 
@@ -83,77 +73,57 @@ def read_link_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Lin
     inspector = scene_graph.model_inspector()
     meshes = []
     for body in _bodies(plant):
-        name = _name(plant, body)
+        name = body.name()
+        if plant.NumBodiesWithName(name) > 1:
+            name = str(body.scoped_name())
         parts = []
-        for geometry in _geometries(plant, inspector, body):
-            pose = inspector.GetPoseInFrame(geometry)
-            shape = _shape(inspector.GetShape(geometry), pose, name)
-            if shape is not None:
-                parts += _of_import(shape) or link_parts(Link(name, (shape,)))
+        for shape in _shapes(plant, inspector, body):
+            if not isinstance(shape.geometry, HalfSpace):
+                parts += _parts(shape, name)
         if parts:
             meshes.append(LinkMesh(name, body.index(), parts))
     return meshes
-
-
-def _of_import(shape: Shape) -> list[Part]:
-    """Of a file that the import wrote, which is read sooner than others."""
-    if shape.path is None or shape.path.parent.name != TRIANGLES:
-        return []
-    found = read_obj(shape.path) if shape.scale == (1.0, 1.0, 1.0) else None
-    if found is None:
-        return []
-    # By rows: of another order, functions are compiled anew.
-    p_LV = np.ascontiguousarray(shape.X_LG.multiply(found[0].T).T)
-    return [Part(p_LV, found[1], tuple(shape.rgba or GREY))]
-
-
-def _is_of_file(shape: DrakeShape) -> bool:
-    return isinstance(shape, Mesh | Convex) and shape.source().is_path()
 
 
 def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
     return [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
 
 
-def _geometries(plant, inspector: SceneGraphInspector, body: RigidBody) -> list:
+def _shapes(plant, inspector: SceneGraphInspector, body: RigidBody) -> list[Shape]:
+    """What is drawn of a body, else what collides, of whatever kind."""
     frame = plant.GetBodyFrameIdOrThrow(body.index())
-    for role in (Role.kIllustration, Role.kProximity):
-        found = inspector.GetGeometries(frame, role)
-        if found:
-            return found
-    return []
+    found = inspector.GetGeometries(frame, Role.kIllustration)
+    return [
+        Shape(inspector.GetPoseInFrame(each), inspector.GetShape(each))
+        for each in found or inspector.GetGeometries(frame, Role.kProximity)
+    ]
 
 
-def _name(plant: MultibodyPlant, body: RigidBody) -> str:
-    if plant.NumBodiesWithName(body.name()) > 1:
-        return str(body.scoped_name())
-    return body.name()
-
-
-def _shape(shape: DrakeShape, X_LG: RigidTransform, link: str) -> Shape | None:
-    """What the import calls the shape."""
-    if isinstance(shape, HalfSpace):
-        return None
-    if isinstance(shape, Mesh) and not _is_of_file(shape):
+def _parts(shape: Shape, link: str) -> list[Part]:
+    of = shape.geometry
+    if isinstance(of, Mesh) and shape.path is None:
         raise ModelError(f"link {link!r}: its mesh is not in a file")
-    path = _file(shape, link) if _is_of_file(shape) else None
-    found = drake_shape(X_LG, shape)
-    if found is None:
+    if not isinstance(of, Geometry):
         raise ModelError(
-            f"link {link!r}: cannot be judged by meshes: it has a "
-            f"{type(shape).__name__} (judge by the collision shapes alone: --no-meshes)"
+            f"link {link!r}: cannot be judged by meshes: it has a {type(of).__name__} "
+            "(judge by the collision shapes alone: --no-meshes)"
         )
-    return found if path is None else replace(found, path=path)
-
-
-def _file(shape: Mesh | Convex, link: str) -> Path:
-    """The file of a mesh with all its triangles."""
-    path = Path(shape.source().path())
-    if path.parent.name == "meshes" and (path.parent.parent / "import.yaml").is_file():
+    if (path := shape.path) is None:
+        return link_parts(Link(link, (shape,)))
+    imported = path.parent.name == "meshes"
+    imported &= (path.parent.parent / "import.yaml").is_file()
+    if imported:
         path = triangles_file(path)
     if not path.is_file():
         raise ModelError(
             f"link {link!r}: its mesh {path} is not there; of an imported robot, "
             "import it again"
         )
-    return path
+    # A file that the import wrote is read sooner than others.
+    plain = imported and (of.scale3() == 1.0).all()
+    if plain and (found := read_obj(path)) is not None:
+        # By rows: of another order, functions are compiled anew.
+        p_LV = np.ascontiguousarray(shape.X_LG.multiply(found[0].T).T)
+        return [Part(p_LV, found[1], GREY)]
+    there = replace(shape, geometry=Mesh(str(path), of.scale3()))
+    return link_parts(Link(link, (there,)))

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Sphere
 from pydrake.math import RigidTransform
 
 from crar_drake.errors import ModelError
@@ -165,25 +166,26 @@ def guess_up_axis(robot: SourceRobot) -> tuple[str, str] | None:
 def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
     import trimesh
 
-    if shape.kind == "mesh":
-        up = dae_up_axis(shape.path) if up_axis == "file" else "z"
-        up = "y" if shape.path.suffix.lower() in Y_UP else up
-        pieces = _load(shape, link, up)
-    elif shape.kind == "triangles":
-        pieces = [(trimesh.Trimesh(*shape.triangles), None)]
+    of, make = shape.geometry, trimesh.creation
+    if shape.path is not None:
+        pieces = _load(shape.path, of.scale3(), link, up_axis)
+    elif isinstance(of, Convex):
+        hull = of.GetConvexHull()
+        corners = [hull.vertex(i) for i in range(hull.num_vertices())]
+        pieces = [(trimesh.convex.convex_hull(corners), None)]
+    elif isinstance(of, tuple):
+        pieces = [(trimesh.Trimesh(*of), None)]
     else:
         makers = {
-            "box": lambda: trimesh.creation.box(extents=shape.size),
-            "sphere": lambda: trimesh.creation.icosphere(3, radius=shape.size[0]),
-            "cylinder": lambda: trimesh.creation.cylinder(
-                radius=shape.size[0], height=shape.size[1], sections=48
+            Box: lambda: make.box(extents=of.size()),
+            Sphere: lambda: make.icosphere(3, radius=of.radius()),
+            Cylinder: lambda: make.cylinder(
+                radius=of.radius(), height=of.length(), sections=48
             ),
-            "capsule": lambda: trimesh.creation.capsule(
-                radius=shape.size[0], height=shape.size[1]
-            ),
-            "ellipsoid": lambda: trimesh.creation.icosphere(3).apply_scale(shape.size),
+            Capsule: lambda: make.capsule(radius=of.radius(), height=of.length()),
+            Ellipsoid: lambda: make.icosphere(3).apply_scale([of.a(), of.b(), of.c()]),
         }
-        pieces = [(makers[shape.kind](), None)]
+        pieces = [(makers[type(of)](), None)]
     X_LG = shape.X_LG.GetAsMatrix4()
     parts = []
     for mesh, colour in pieces:
@@ -198,13 +200,15 @@ def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
     return parts
 
 
-def _load(source: Shape, link: str, up: str) -> list[tuple]:
+def _load(path: Path, scale: np.ndarray, link: str, up_axis: str) -> list[tuple]:
     """The file's meshes, turned z up, scaled, one for each colour, with that colour."""
     import trimesh
 
-    where = f"link {link!r}: mesh {source.path}"
+    up = dae_up_axis(path) if up_axis == "file" else "z"
+    up = "y" if path.suffix.lower() in Y_UP else up
+    where = f"link {link!r}: mesh {path}"
     by_colour: dict[tuple, list] = {}
-    for body in read_meshes(source.path, where):
+    for body in read_meshes(path, where):
         if len(bad := np.flatnonzero(~np.isfinite(body.vertices).all(axis=1))):
             p = ", ".join(f"{x:g}" for x in body.vertices[bad[0]])
             raise ModelError(f"{where}: vertex {bad[0] + 1} is ({p})")
@@ -221,7 +225,7 @@ def _load(source: Shape, link: str, up: str) -> list[tuple]:
         if up != "z":
             mesh.apply_transform(Z_UP[up])
         # A mirroring scale turns triangles inside out; trimesh turns them back.
-        mesh.apply_transform(np.diag([*source.scale, 1.0]))
+        mesh.apply_transform(np.diag([*scale, 1.0]))
         mesh.merge_vertices(merge_norm=True, merge_tex=True)
         pieces.append((mesh, colour))
     return pieces

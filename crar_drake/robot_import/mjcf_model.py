@@ -4,9 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
-from crar_drake.robot_import.source_robot import Shape
+from crar_drake.robot_import.source_robot import Shape, Triangles
 
 _HIDDEN_GROUP = 3  # MuJoCo's viewer shows the geoms of groups below it
 _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # of a geom without a colour
@@ -36,8 +37,7 @@ def body_shapes(
             continue
         # The same mesh is often there twice, to be seen and to collide.
         key = (
-            shape.kind,
-            int(model.geom_dataid[geom]),
+            *(int(model.geom_type[geom]), int(model.geom_dataid[geom])),
             *np.round(model.geom_size[geom], 6),
             *np.round(shape.X_LG.GetAsMatrix34().ravel(), 6),
         )
@@ -55,24 +55,21 @@ def _shape(model, geom: int, link: str, notes: list[str]) -> Shape | None:
     """A geom; None where it has no volume of its own."""
     kind = kind_of("mjtGeom", model.geom_type[geom])
     a, b, c = (float(v) for v in model.geom_size[geom])
-    sizes = {
-        "sphere": (a,),
-        "capsule": (a, 2 * b),
-        "cylinder": (a, 2 * b),
-        "box": (2 * a, 2 * b, 2 * c),
-        "ellipsoid": (a, b, c),
-        "mesh": (),
+    makers = {
+        "sphere": lambda: Sphere(a),
+        "capsule": lambda: Capsule(a, 2 * b),
+        "cylinder": lambda: Cylinder(a, 2 * b),
+        "box": lambda: Box(2 * a, 2 * b, 2 * c),
+        "ellipsoid": lambda: Ellipsoid(a, b, c),
+        "mesh": lambda: _triangles(model, geom),
     }
-    if kind not in sizes:
+    if kind not in makers:
         notes.append(f"link {link}: a shape of kind {kind} is left out")
         return None
-    X, rgba = pose_of(model, "geom", geom), _colour(model, geom)
-    if kind == "mesh":
-        return Shape(X, "triangles", triangles=_triangles(model, geom), rgba=rgba)
-    return Shape(X, kind, size=sizes[kind], rgba=rgba)
+    return Shape(pose_of(model, "geom", geom), makers[kind](), _colour(model, geom))
 
 
-def _triangles(model, geom: int) -> tuple[np.ndarray, np.ndarray]:
+def _triangles(model, geom: int) -> Triangles:
     """A mesh as MuJoCo has it: scaled, in its own inertial frame."""
     mesh = int(model.geom_dataid[geom])
     vertex, face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])

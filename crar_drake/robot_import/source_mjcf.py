@@ -35,10 +35,10 @@ from crar_drake.robot_import.source_robot import (
     Loop,
     SourceRobot,
 )
-from crar_drake.robot_import.tree_reader import TreeReader
+from crar_drake.robot_import.source_tree import SourceTree
 
 _UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
-_TINY = 1e-9  # [m] or of a coefficient
+_TINY = 1e-9  # of a coefficient
 
 
 def read_mjcf(path: Path) -> SourceRobot:
@@ -69,7 +69,8 @@ def read_mjcf(path: Path) -> SourceRobot:
             f"{path}: MuJoCo cannot read it: {said}{_scenes(path) if lacks else ''}"
         ) from error
     notes = [f"MuJoCo says: {_line(warning.message)}" for warning in caught]
-    return _Reader(path, spec.modelname, model, notes).robot()
+    name = "" if spec.modelname == _UNNAMED else spec.modelname
+    return _Reader(path, model, notes).read(name)
 
 
 def _scenes(path: Path) -> str:
@@ -89,44 +90,46 @@ def _line(said: object) -> str:
     return "; ".join(line for line in str(said).split("\n") if line)
 
 
-class _Reader(TreeReader):
+class _Reader(SourceTree):
     """Turns a compiled model into links and joints, and keeps what it meets."""
 
-    def __init__(self, path: Path, name: str, model, notes: list[str]) -> None:
+    def __init__(self, path: Path, model, notes: list[str]) -> None:
         super().__init__(path, notes)
-        self._name, self._model = name, model
-        self._bodies[0] = WORLD
+        self._model = model
+        # What the model's bodies and joints are called here, by their indices there.
+        self._bodies, self._joint_names = {0: WORLD}, {}
         self._efforts = effort_limits(model)
 
-    def robot(self) -> SourceRobot:
-        """All of it."""
+    def read(self, name: str) -> SourceRobot:
+        """All of it; the model's name may be ""."""
         trees, left_out = self._select_trees()
         bodies = [i for i in range(1, self._model.nbody) if self._top(i) in trees]
         for body in bodies:
-            name = self._model.body(body).name or f"body_{body}"
-            self._bodies[body] = self._unique(name)
+            named = self._model.body(body).name or f"body_{body}"
+            self._bodies[body] = self.unique(named)
             self._name_joints(body)
+        self.reserved = set(self._joint_names.values())
         mounted = not self._is_free(trees[0])
         if mounted:
-            self._links[WORLD] = Link(WORLD)
+            self.add_link(Link(WORLD))
         # Parents have smaller indices than their children.
         for body in bodies:
+            link, X_PB = self._bodies[body], pose_of(self._model, "body", body)
             if body in trees:
-                self._add_root(body, mounted)
+                parent, X_PB = self.stand(link, X_PB, mounted)
             else:
                 parent = self._bodies[self._model.body_parentid[body]]
-                self._add_body(body, parent, pose_of(self._model, "body", body))
+            visual, collision = body_shapes(self._model, body, link, self.notes)
+            inertia = _inertia(self._model, body)
+            self.add_link(Link(link, visual, collision, inertia))
+            if parent:
+                self._join(parent, X_PB, body)
         self._add_sites()
         loops = self._read_equalities()
         self._note_left_out(left_out)
-        name = self._name if self._name != _UNNAMED else ""
-        return replace(
-            self._tree(),
-            name=(name or default_name(self._path)).replace(" ", "_"),
-            notes=tuple(self._notes),
-            loops=loops,
-            posture=keyframe_posture(self._model, self._joint_names),
-        )
+        name = (name or default_name(self.path)).replace(" ", "_")
+        posture = keyframe_posture(self._model, self._joint_names)
+        return self.finished(name, loops, posture)
 
     # --- which bodies are the robot -------------------------------------------------
 
@@ -159,7 +162,7 @@ class _Reader(TreeReader):
         moving = [root for root, joints in count.items() if joints]
         if not moving:
             raise ModelError(
-                f"{self._path}: it has no joint that turns or slides (a ball or free "
+                f"{self.path}: it has no joint that turns or slides (a ball or free "
                 "joint is none)"
             )
         main = max(moving, key=count.get)
@@ -173,16 +176,16 @@ class _Reader(TreeReader):
         names = [model.body(i).name or f"body {i}" for i in left_out]
         scene = [i for i in range(model.ngeom) if model.geom_bodyid[i] == 0]
         names += [model.geom(i).name or "a shape of the world" for i in scene]
-        self._note_foreign(names)
+        self.note_foreign(names)
         balls = [n for j, n in self._joint_names.items() if self._kind(j) == "ball"]
         if balls:
-            self._notes.append(
+            self.notes.append(
                 f"ball joints are not supported: {', '.join(balls)} must be locked; "
                 "three hinges in their stead can be controlled"
             )
         if model.ntendon:
             tendons = [model.tendon(i).name or str(i) for i in range(model.ntendon)]
-            self._notes.append(
+            self.notes.append(
                 f"tendons are left out, and what pulls at them: {', '.join(tendons)}"
             )
         dofs = [
@@ -196,8 +199,8 @@ class _Reader(TreeReader):
             "springs": np.any(model.jnt_stiffness[list(self._joint_names)]),
         }
         if left_out := [what for what, there in lost.items() if there]:
-            self._notes.append(f"left out of the joints: {', '.join(left_out)}")
-        self._notes.append(
+            self.notes.append(f"left out of the joints: {', '.join(left_out)}")
+        self.notes.append(
             "MJCF has no speed limits: the joints have none, unless a scenario's "
             "controller gives velocity_limits"
         )
@@ -211,53 +214,24 @@ class _Reader(TreeReader):
             otherwise = f"{self._bodies[body]}_joint{count}"
             self._joint_names[joint] = self._model.joint(joint).name or otherwise
 
-    def _add_root(self, body: int, mounted: bool) -> None:
-        """Adds a body that stands in the world, upright as it stands there.
-
-        A root link is taken to have z up. If it is turned in the world a link that is
-        not carries it.
-        """
-        X_WB = pose_of(self._model, "body", body)
-        X_WU, X_UB = RigidTransform(X_WB.translation()), RigidTransform(X_WB.rotation())
-        if not X_UB.IsNearlyIdentity(1e-6):
-            upright = self._add_bare_link(f"{self._bodies[body]}_upright")
-            if mounted:
-                self._weld(WORLD, upright, X_WU)
-            self._add_body(body, upright, X_UB)
-        elif mounted:
-            self._add_body(body, WORLD, X_WB)
-        else:
-            self._add_link(body)
-
-    def _add_link(self, body: int) -> None:
-        name = self._bodies[body]
-        visual, collision = body_shapes(self._model, body, name, self._notes)
-        inertia = _inertia(self._model, body)
-        self._links[name] = Link(name, visual, collision, inertia)
-
-    def _add_body(self, body: int, parent: str, X_PB: RigidTransform) -> None:
-        """Adds a body below a link: its joints, one after the other, and its link."""
-        name = self._bodies[body]
-        joints = self._own_joints(body)
+    def _join(self, parent: str, X_PB: RigidTransform, body: int) -> None:
+        """Adds what joins a body to a link: its joints, one after the other."""
+        model, link, joints = self._model, self._bodies[body], self._own_joints(body)
         X = X_PB
-        for joint in joints:
-            p = RigidTransform(np.array(self._model.jnt_pos[joint]))
-            beside = np.linalg.norm(p.translation()) > _TINY
-            if joint == joints[-1] and not beside:
-                child = name
-                self._add_link(body)
+        for index in joints:
+            p_BM = np.array(model.jnt_pos[index])
+            X_PM, X_MB = X @ RigidTransform(p_BM), RigidTransform(-p_BM)
+            if index == joints[-1]:
+                self.add_joint(self._joint(index, parent, link, X_PM), X_MB)
             else:
-                child = self._add_bare_link(f"{self._joint_names[joint]}_link")
-            self._add_joint(joint, parent, child, X @ p)
-            parent, X = child, p.inverse()
-        if parent != name:
-            self._add_link(body)
-            self._weld(parent, name, X)
+                child = self.add_bare_link(f"{self._joint_names[index]}_link")
+                self.add_joint(self._joint(index, parent, child, X_PM))
+                parent, X = child, X_MB
+        if not joints:
+            self._weld(parent, link, X_PB)
 
-    def _add_joint(
-        self, index: int, parent: str, child: str, X: RigidTransform
-    ) -> None:
-        """Adds a joint; X is its child's pose where MuJoCo draws the body."""
+    def _joint(self, index: int, parent: str, child: str, X: RigidTransform) -> Joint:
+        """A joint whose frame is at X where MuJoCo draws the body."""
         model, name, kind = self._model, self._joint_names[index], self._kind(index)
         limited = bool(model.jnt_limited[index]) and kind != "ball"
         lower, upper = model.jnt_range[index] if limited else (-np.inf, np.inf)
@@ -276,11 +250,11 @@ class _Reader(TreeReader):
             None,
             float(np.ravel(model.dof_damping[model.jnt_dofadr[index]])[0]),
         )
-        if joint.moves:
-            # MuJoCo draws the body where the joint is at its reference, not at zero.
-            reference = float(model.qpos0[model.jnt_qposadr[index]])
-            joint = replace(joint, X_PC=joint.transform(-reference))
-        self._joints[name] = joint
+        if not joint.moves:
+            return joint
+        # MuJoCo draws the body where the joint is at its reference, not at zero.
+        reference = float(model.qpos0[model.jnt_qposadr[index]])
+        return replace(joint, X_PC=joint.transform(-reference))
 
     def _add_sites(self) -> None:
         """Sites become links without geometry, which frames can name."""
@@ -295,8 +269,8 @@ class _Reader(TreeReader):
             name = model.site(site).name
             if body == 0 or body not in self._bodies or not name or site in through:
                 continue
-            name = self._add_bare_link(name, "_site")
-            self._weld(self._bodies[body], name, pose_of(model, "site", site))
+            X_BS = pose_of(model, "site", site)
+            self.add_frame(self._bodies[body], name, "_site", X_BS)
 
     # --- equalities -----------------------------------------------------------------
 
@@ -314,7 +288,7 @@ class _Reader(TreeReader):
             if joints:
                 loops.append(Loop(name, tuple(joints)))
             else:
-                self._notes.append(f"the equality {name} ({kind}) is left out")
+                self.notes.append(f"the equality {name} ({kind}) is left out")
         return tuple(loops)
 
     def _follow(self, index: int) -> bool:
@@ -327,11 +301,11 @@ class _Reader(TreeReader):
         q_follower, q_leader = (model.qpos0[model.jnt_qposadr[j]] for j in ids)
         offset, multiplier, *curved = model.eq_data[index][:5]
         if np.abs(curved).max() > _TINY:
-            self._notes.append(
+            self.notes.append(
                 f"{follower} follows {leader} by a curve: read as a straight line"
             )
-        self._joints[follower] = replace(
-            self._joints[follower],
+        self.joints[follower] = replace(
+            self.joints[follower],
             mimic=leader,
             multiplier=float(multiplier),
             offset=float(offset + q_follower - multiplier * q_leader),
@@ -347,7 +321,7 @@ class _Reader(TreeReader):
         if any(body == 0 or body not in self._bodies for body in ends):
             return []
         links = (self._bodies[body] for body in ends)
-        return [joint.name for joint in self._tree().between(*links)]
+        return [joint.name for joint in self.robot().between(*links)]
 
 
 def _inertia(model, body: int) -> Inertia | None:

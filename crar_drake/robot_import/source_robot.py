@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -10,8 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pydrake.geometry
 from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    Mesh,
+    Sphere,
+)
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
@@ -25,58 +32,30 @@ Positions = Mapping[str, float]  # joint to position [rad or m]
 Poses = Mapping[str, RigidTransform]  # link to its pose
 
 
+# Vertices (N, 3) [m] and faces (M, 3) of a mesh.
+Triangles = tuple[np.ndarray, np.ndarray]
+
+# The kinds of geometry that a link's look is made of.
+Geometry = Mesh | Convex | Box | Sphere | Cylinder | Capsule | Ellipsoid
+
+
 @dataclass(frozen=True)
 class Shape:
     """A visual or collision element of a link."""
 
     X_LG: RigidTransform  # pose of the geometry in the link's frame
-    kind: str  # mesh, triangles, box, cylinder, sphere, capsule or ellipsoid
-    path: Path | None = None  # the file of a mesh
-    scale: tuple[float, ...] = (1.0, 1.0, 1.0)  # of a mesh, along its axes
-    # a box's edges, or (radius, length), or (radius,), or an ellipsoid's semi-axes [m]
-    size: tuple[float, ...] = ()
+    geometry: Geometry | Triangles  # Drake's, or a mesh that was read already
     rgba: tuple[float, ...] | None = None  # colour; None if the file has none
-    # vertices (N, 3) [m] and faces (M, 3) of a mesh that was read already
-    triangles: tuple[np.ndarray, np.ndarray] | None = None
 
-
-def drake_shape(
-    X_LG: RigidTransform,
-    shape: pydrake.geometry.Shape,
-    rgba: tuple[float, ...] | None = None,
-) -> Shape | None:
-    """What a shape of Drake's is called here; None if it is of no kind above.
-
-    Args:
-        shape: a mesh of a file, convex points, or a primitive.
-        rgba: its colour; None if it has none.
-    """
-    path, scale, size, triangles = None, (1.0, 1.0, 1.0), (), None
-    match shape:
-        case pydrake.geometry.Convex() if not shape.source().is_path():
-            # Drake's hull has polygons, outward.
-            hull, faces = shape.GetConvexHull(), []
-            for polygon in map(hull.element, range(hull.num_elements())):
-                around = [polygon.vertex(i) for i in range(polygon.num_vertices())]
-                faces += [(around[0], a, b) for a, b in itertools.pairwise(around[1:])]
-            corners = [hull.vertex(i) for i in range(hull.num_vertices())]
-            kind, triangles = "triangles", (np.array(corners), np.array(faces))
-        case pydrake.geometry.Mesh() | pydrake.geometry.Convex():
-            kind, path = "mesh", Path(shape.source().path())
-            scale = tuple(map(float, shape.scale3()))
-        case pydrake.geometry.Box():
-            kind, size = "box", tuple(shape.size())
-        case pydrake.geometry.Sphere():
-            kind, size = "sphere", (shape.radius(),)
-        case pydrake.geometry.Cylinder():
-            kind, size = "cylinder", (shape.radius(), shape.length())
-        case pydrake.geometry.Capsule():
-            kind, size = "capsule", (shape.radius(), shape.length())
-        case pydrake.geometry.Ellipsoid():
-            kind, size = "ellipsoid", (shape.a(), shape.b(), shape.c())
-        case _:
-            return None
-    return Shape(X_LG, kind, path, scale, size, rgba, triangles)
+    @property
+    def path(self) -> Path | None:
+        """The file of a mesh; None of what is not in a file."""
+        if (
+            isinstance(self.geometry, Mesh | Convex)
+            and self.geometry.source().is_path()
+        ):
+            return Path(self.geometry.source().path())
+        return None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ the file's frames.
 
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,21 +31,18 @@ from crar_drake.robot_import.robot_files import robot_name
 from crar_drake.robot_import.sdf_copies import COLLISION, SdfCopies
 from crar_drake.robot_import.source_robot import (
     WORLD,
+    Geometry,
     Inertia,
     Joint,
     Link,
     Loop,
     Shape,
     SourceRobot,
-    drake_shape,
-    weld,
 )
-from crar_drake.robot_import.source_urdf import check_tree
-from crar_drake.robot_import.tree_reader import TreeReader
+from crar_drake.robot_import.source_tree import SourceTree
 
 # Drake's joints, as a URDF calls them.
 _KINDS = {"weld": "fixed", "ball_rpy": "ball", "quaternion_floating": "floating"}
-_TINY = 1e-9  # [m]
 _OPEN = 1e-3  # [m] by which a closed chain may gape
 
 
@@ -71,12 +68,10 @@ def read_sdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
             said = copies.told_of_originals(str(error))
             place = "" if str(path) in said else f"{path}: "
             raise ModelError(f"{place}{said}") from error
-        inspector = scene_graph.model_inspector()
-        robot = _Reader(path, plant, inspector, copies.mimics).robot()
-        return replace(robot, notes=(*copies.notes, *robot.notes))
+        return _Reader(path, plant, scene_graph.model_inspector(), copies).read()
 
 
-class _Reader(TreeReader):
+class _Reader(SourceTree):
     """Turns a plant, which is not finalized, into links and joints."""
 
     def __init__(
@@ -84,47 +79,50 @@ class _Reader(TreeReader):
         path: Path,
         plant: MultibodyPlant,
         inspector: SceneGraphInspector,
-        mimics: dict[str, tuple[str, float, float]],
+        copies: SdfCopies,
     ) -> None:
-        super().__init__(path, [])
-        self._plant, self._inspector, self._mimics = plant, inspector, mimics
+        super().__init__(path, copies.notes)
+        self._plant, self._inspector, self._mimics = plant, inspector, copies.mimics
         self._instances = [*map(ModelInstanceIndex, range(plant.num_model_instances()))]
         actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
         self._efforts = {a.joint().index(): a.effort_limit() for a in actuators}
 
-    def robot(self) -> SourceRobot:
+    def read(self) -> SourceRobot:
         """All of it."""
         plant = self._plant
         model = self._select_model()
         instances = [i for i in self._instances if self._model_of(i) == model]
-        indices = (i for each in instances for i in plant.GetBodyIndices(each))
-        bodies = [*map(plant.get_body, indices)]
-        indices = (i for each in instances for i in plant.GetJointIndices(each))
+        bodies = [plant.get_body(i) for m in instances for i in plant.GetBodyIndices(m)]
+        indices = [i for each in instances for i in plant.GetJointIndices(each)]
         joints = [*map(plant.get_joint, indices)]
         self._bodies = _unique_names(bodies, model)
         self._taken |= set(self._bodies.values())
         self._bodies[plant.world_body().index()] = WORLD
-        names = self._joint_names = _unique_names(joints, model)
+        names = _unique_names(joints, model)
+        self.reserved = set(names.values())
         if any(self._name(joint.parent_body()) == WORLD for joint in joints):
-            self._links[WORLD] = Link(WORLD)
+            self.add_link(Link(WORLD))
         for body in bodies:
-            self._add_link(body)
-        loops = []
+            self.add_link(self._link(body))
+        carried, loops = set(), []
         for joint in joints:
-            if self._is_carried(joint):
+            # What another joint carries already closes a chain.
+            if joint.child_body().index() in carried:
                 loops.append((names[joint.index()], joint))
             else:
-                self._add_joint(joint, names[joint.index()])
-        self._add_frames(instances, joints)
-        check_tree(read := self._tree())
-        self._set_upright(read.root)
-        robot = self._tree()  # another one, if a link was added that carries the root
-        return replace(
-            robot,
-            name=robot_name(model, self._path),
-            loops=tuple(self._loop(robot, *each) for each in loops),
-            notes=tuple(self._notes),
-        )
+                carried.add(joint.child_body().index())
+                self._read_joint(joint, names[joint.index()])
+        for link, name, X_LF in self._frames(instances, joints):
+            self.add_frame(link, name, "_frame", X_LF)
+        if (root := self.robot().root) != WORLD:
+            (index,) = [index for index, name in self._bodies.items() if name == root]
+            X_WL = plant.GetDefaultFloatingBaseBodyPose(plant.get_body(index))
+            upright, X_UL = self.stand(root, X_WL, mounted=False)
+            if upright:
+                self._weld(upright, root, X_UL)
+        robot = self.robot()
+        loops = [self._loop(robot, *each) for each in loops]
+        return self.finished(robot_name(model, self.path), loops)
 
     def _name(self, body: RigidBody) -> str:
         return self._bodies[body.index()]
@@ -145,95 +143,76 @@ class _Reader(TreeReader):
             if joint.type_name() in ("revolute", "prismatic")
         )
         if not moving:
-            raise ModelError(f"{self._path}: it has no joint that turns or slides")
+            raise ModelError(f"{self.path}: it has no joint that turns or slides")
         if len(moving) > 1:
             which = ", ".join(f"{name} ({n} joints)" for name, n in moving.items())
             raise ModelError(
-                f"{self._path}: several of its models move: {which}; import a file "
+                f"{self.path}: several of its models move: {which}; import a file "
                 "that has, or includes, the one that is meant alone"
             )
         (model,) = moving
         names = dict.fromkeys(map(self._model_of, with_bodies))
-        self._note_foreign([name for name in names if name != model])
+        self.note_foreign([name for name in names if name != model])
         if plant.num_force_elements() > 1:
-            self._notes.append("left out of the joints: springs")
+            self.notes.append("left out of the joints: springs")
         return model
 
     # --- links and joints -----------------------------------------------------------
 
-    def _add_link(self, body: RigidBody) -> None:
-        name, shapes = self._name(body), {"visual": [], "collision": []}
+    def _link(self, body: RigidBody) -> Link:
+        name, inspector = self._name(body), self._inspector
+        visual, collision = [], []
         frame = self._plant.GetBodyFrameIdOrThrow(body.index())
-        for geometry in self._inspector.GetGeometries(frame, Role.kIllustration):
-            own = self._inspector.GetName(geometry).rpartition("::")[2]
-            kind = "collision" if own.startswith(COLLISION) else "visual"
-            shape = self._shape(geometry)
-            if shape is not None:
-                shapes[kind].append(shape)
-            else:
-                self._notes.append(
+        for geometry in inspector.GetGeometries(frame, Role.kIllustration):
+            own = inspector.GetName(geometry).rpartition("::")[2]
+            shape = inspector.GetShape(geometry)
+            if not isinstance(shape, Geometry):
+                self.notes.append(
                     f"link {name}: {own.removeprefix(COLLISION)}, which is no mesh, "
                     "box, cylinder, sphere, capsule or ellipsoid, is left out"
                 )
-        self._links[name] = Link(
-            name, tuple(shapes["visual"]), tuple(shapes["collision"]), _inertia(body)
-        )
+                continue
+            looks, rgba = inspector.GetIllustrationProperties(geometry), None
+            if looks.HasProperty("phong", "diffuse"):
+                colour = looks.GetProperty("phong", "diffuse")
+                rgba = colour.r(), colour.g(), colour.b(), colour.a()
+            of_kind = collision if own.startswith(COLLISION) else visual
+            of_kind.append(Shape(inspector.GetPoseInFrame(geometry), shape, rgba))
+        return Link(name, tuple(visual), tuple(collision), _inertia(body))
 
-    def _shape(self, geometry) -> Shape | None:
-        X_LG = self._inspector.GetPoseInFrame(geometry)
-        looks = self._inspector.GetIllustrationProperties(geometry)
-        rgba = None
-        if looks.HasProperty("phong", "diffuse"):
-            colour = looks.GetProperty("phong", "diffuse")
-            rgba = colour.r(), colour.g(), colour.b(), colour.a()
-        return drake_shape(X_LG, self._inspector.GetShape(geometry), rgba)
-
-    def _is_carried(self, joint: DrakeJoint) -> bool:
-        """Whether another joint carries its child already: it closes a chain."""
-        child = self._name(joint.child_body())
-        return any(known.child == child for known in self._joints.values())
-
-    def _add_joint(self, joint: DrakeJoint, name: str) -> None:
-        parent, child = (
-            self._name(body) for body in (joint.parent_body(), joint.child_body())
-        )
+    def _read_joint(self, joint: DrakeJoint, name: str) -> None:
+        kind = _KINDS.get(joint.type_name(), joint.type_name())
+        parent, child = self._name(joint.parent_body()), self._name(joint.child_body())
         X_PF = joint.frame_on_parent().GetFixedPoseInBodyFrame()
         X_MC = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
-        kind = joint.type_name()
-        if kind not in ("revolute", "prismatic"):
-            other = weld(name, parent, child, X_PF @ X_MC)
-            self._joints[name] = replace(other, kind=_KINDS.get(kind, kind))
-            return
-        (lower,) = joint.position_lower_limits()
-        (upper,) = joint.position_upper_limits()
-        if kind == "revolute":
-            axis = joint.revolute_axis()
-            # Where the child's origin is on the axis, it may as well be the joint's.
-            beside = np.linalg.norm(np.cross(axis, X_MC.translation())) > _TINY
-        else:
-            axis, beside = joint.translation_axis(), False
-        if beside:
-            stand_in = self._add_bare_link(f"{name}_link")
-            self._weld(stand_in, child, X_MC)
-            child, X_MC = stand_in, RigidTransform()
-        turns = "revolute" if np.isfinite(lower) else "continuous"
-        self._joints[name] = Joint(
-            name,
-            turns if kind == "revolute" else kind,
-            parent,
-            child,
-            X_PF @ X_MC,
-            X_MC.rotation().inverse() @ axis,
-            float(lower),
-            float(upper),
-            self._efforts.get(joint.index()),
-            float(joint.velocity_upper_limits()[0]),
-            float(joint.default_damping_vector()[0]),
-            *self._mimics.get(name, ()),
-        )
+        if kind == "fixed" and parent == WORLD:
+            parent, X_PF = self.stand(child, X_PF @ X_MC, mounted=True)
+            X_MC = RigidTransform()
+        read = Joint(name, kind, parent, child, X_PF)
+        if kind in ("revolute", "prismatic"):
+            (lower,) = joint.position_lower_limits()
+            (upper,) = joint.position_upper_limits()
+            turns = kind == "revolute"
+            mimic, multiplier, offset = self._mimics.get(name, ("", 1.0, 0.0))
+            read = replace(
+                read,
+                kind="continuous" if turns and not np.isfinite(lower) else kind,
+                axis=joint.revolute_axis() if turns else joint.translation_axis(),
+                lower=float(lower),
+                upper=float(upper),
+                effort=self._efforts.get(joint.index()),
+                velocity=float(joint.velocity_upper_limits()[0]),
+                damping=float(joint.default_damping_vector()[0]),
+                mimic=mimic,
+                multiplier=multiplier,
+                offset=offset,
+            )
+        self.add_joint(read, X_MC)
 
-    def _add_frames(self, instances, joints: Sequence[DrakeJoint]) -> None:
-        """The file's frames become links without geometry, which frames can name."""
+    def _frames(
+        self, instances, joints: Sequence[DrakeJoint]
+    ) -> Iterator[tuple[str, str, RigidTransform]]:
+        """The file's frames: of each its link, its name and its pose there."""
         of_joints = {
             frame.index()
             for joint in joints
@@ -242,34 +221,11 @@ class _Reader(TreeReader):
         for instance in instances:
             for index in self._plant.GetFrameIndices(instance):
                 frame: Frame = self._plant.get_frame(index)
-                name = frame.name()
+                name, link = frame.name(), self._name(frame.body())
                 hidden = name.startswith("__") or index in of_joints
-                link = self._name(frame.body())
                 # The world is no link of a robot that does not stand in it.
-                if hidden or frame.is_body_frame() or link not in self._links:
-                    continue
-                name = self._add_bare_link(name, "_frame")
-                self._weld(link, name, frame.GetFixedPoseInBodyFrame())
-
-    def _set_upright(self, root: str) -> None:
-        """A root link is taken to have z up. If it is turned in the world a link that
-        is not carries it."""
-        if root == WORLD:
-            carried = [j for j in self._joints.values() if j.parent == WORLD]
-            turned = [(j.child, j.X_PC, j.name) for j in carried if j.kind == "fixed"]
-        else:
-            (index,) = [index for index, name in self._bodies.items() if name == root]
-            body = self._plant.get_body(index)
-            turned = [(root, self._plant.GetDefaultFloatingBaseBodyPose(body), "")]
-        for link, X_WL, joint in turned:
-            R_WL = RigidTransform(X_WL.rotation())
-            if R_WL.IsNearlyIdentity(1e-6):
-                continue
-            upright = self._add_bare_link(f"{link}_upright")
-            if joint:
-                X_WU = RigidTransform(X_WL.translation())
-                self._joints[joint] = weld(joint, WORLD, upright, X_WU)
-            self._weld(upright, link, R_WL)
+                if not hidden and not frame.is_body_frame() and link in self.links:
+                    yield link, name, frame.GetFixedPoseInBodyFrame()
 
     def _loop(self, robot: SourceRobot, name: str, joint: DrakeJoint) -> Loop:
         """The joints between two links that a joint ties together; a note tells if
@@ -284,7 +240,7 @@ class _Reader(TreeReader):
         )
         gap = float(np.linalg.norm(p_F - p_M))
         if gap > _OPEN and joint.type_name() != "prismatic":
-            self._notes.append(
+            self.notes.append(
                 f"{name} closes a chain, which gapes by {1e3 * gap:.0f} mm with its "
                 "joints nearest to zero: give them positions in locked that close it"
             )

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from pydrake.geometry import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from crar_drake.errors import ModelError, nearest
+from crar_drake.errors import ModelError
 from crar_drake.robot_import.robot_files import (
     MeshFinder,
     naming,
@@ -26,12 +27,22 @@ from crar_drake.robot_import.source_robot import (
     Shape,
     SourceRobot,
 )
+from crar_drake.robot_import.source_tree import SourceTree
 
 # Attributes that are numbers.
 _NUMBERS = (
     *("xyz", "rpy", "size", "radius", "length", "scale", "value"),
     *("lower", "upper", "effort", "velocity"),
 )
+
+# Primitive to Drake's shape, the attributes that are its size, and of how many numbers.
+_PRIMITIVES = {
+    "box": (Box, ("size",), 3),
+    "sphere": (Sphere, ("radius",), 1),
+    "cylinder": (Cylinder, ("radius", "length"), 2),
+    "capsule": (Capsule, ("radius", "length"), 2),
+    "ellipsoid": (Ellipsoid, ("a", "b", "c"), 3),
+}
 
 _QUATERNION = "quat_xyzw"  # how URDF 1.1 turns an <origin>
 
@@ -65,10 +76,9 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
             f"ROS's xacro ({path.name} > robot.urdf) and import what that writes"
         )
     refuse_loops(root, path)
-    notes, warnings = [], []
-    colours = _read_colours(root, notes)
+    tree = SourceTree(path)
+    colours = _read_colours(root, tree.notes)
     meshes = MeshFinder(path, package_paths)
-    links = {}
     elements = root.findall("link")
     if not any(element.get("name") == WORLD for element in elements) and any(
         parent.get("link") == WORLD for parent in root.findall("joint/parent")
@@ -76,27 +86,17 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         elements.append(ElementTree.Element("link", name=WORLD))  # as Drake reads it
     for element in elements:
         with naming(path, "link", element):
-            link = _read_link(element, colours, meshes, path, notes)
-        if link.name in links:
-            raise ModelError(f"{path}: two links are named {link.name!r}")
-        links[link.name] = link
-    notes += meshes.check()
-    joints = {}
+            tree.add_link(_read_link(element, colours, meshes, tree.notes))
+    tree.notes += meshes.check()
     for element in root.findall("joint"):
         with naming(path, "joint", element):
-            joint = _read_joint(element, path, warnings)
-        if joint.name in joints:
-            raise ModelError(f"{path}: two joints are named {joint.name!r}")
-        joints[joint.name] = joint
+            tree.add_joint(_read_joint(element, tree.warnings))
     if any("," in element.get(key, "") for element in root.iter() for key in _NUMBERS):
-        notes.append(
+        tree.notes.append(
             "numbers with commas: 1,5 was read as 1.5, and a comma before a space as "
             "nothing"
         )
-    name = robot_name(root.get("name") or "", path)
-    robot = SourceRobot(name, path, links, joints, tuple(notes), tuple(warnings))
-    check_tree(robot)
-    return robot
+    return tree.finished(robot_name(root.get("name") or "", path))
 
 
 def refuse_loops(root: ElementTree.Element, path: Path) -> None:
@@ -109,46 +109,6 @@ def refuse_loops(root: ElementTree.Element, path: Path) -> None:
                 f"{path}: <{tag}> {element.get('name', '')!r} closes a chain, "
                 "which the controller does not support; take it out of the file"
             )
-
-
-def check_tree(robot: SourceRobot) -> None:
-    """Raises ModelError: the links are not one tree, or a name is of nothing."""
-    path, links, joints = robot.path, robot.links, robot.joints
-    if not links:
-        raise ModelError(f"{path}: it has no links")
-    parents: dict[str, Joint] = {}
-    for joint in joints.values():
-        for end in (joint.parent, joint.child):
-            if end not in links:
-                raise ModelError(
-                    f"{path}: joint {joint.name!r} names the link {end!r}, which is "
-                    f"not there{nearest(end, links)}"
-                )
-        if joint.child in parents:
-            raise ModelError(
-                f"{path}: link {joint.child!r} hangs on the joints "
-                f"{parents[joint.child].name!r} and {joint.name!r}: a closed chain, "
-                "which is not supported; remove one of them"
-            )
-        parents[joint.child] = joint
-        if joint.mimic and joint.mimic not in joints:
-            raise ModelError(
-                f"{path}: joint {joint.name!r} mimics {joint.mimic!r}, which is not "
-                f"there{nearest(joint.mimic, joints)}"
-            )
-    tops = [name for name in links if name not in parents]
-    if len(tops) != 1:
-        raise ModelError(
-            f"{path}: the links are not one tree; these have no parent: "
-            f"{', '.join(tops) or 'none (a closed chain)'}"
-        )
-    # A ring of joints beside the tree leaves links that no way leads to.
-    tree = set(robot.below(tops[0]))
-    if lost := [name for name in links if name not in tree]:
-        raise ModelError(
-            f"{path}: these links form a closed chain, which is not supported: "
-            f"{', '.join(lost)}"
-        )
 
 
 def _read_colours(
@@ -179,13 +139,13 @@ def _rgba(colour: ElementTree.Element) -> tuple[float, ...] | None:
     return rgba if len(rgba) == 4 and all(0.0 <= v <= 1.0 for v in rgba) else None
 
 
-def _read_link(element, colours, meshes, path, notes) -> Link:
+def _read_link(element, colours, meshes, notes) -> Link:
     name = element.get("name") or ""
     shapes = {
         kind: tuple(
             shape
             for entry in element.findall(kind)
-            if (shape := _read_shape(entry, name, colours, meshes, path, notes))
+            if (shape := _read_shape(entry, name, colours, meshes, notes))
         )
         for kind in ("visual", "collision")
     }
@@ -208,7 +168,7 @@ def _read_inertia(link: ElementTree.Element) -> Inertia | None:
     return Inertia(one_number(mass.get("value", "0")), X_LB, moments)
 
 
-def _read_shape(element, link, colours, meshes, path, notes) -> Shape | None:
+def _read_shape(element, link, colours, meshes, notes) -> Shape | None:
     geometry = element.find("geometry")
     if geometry is None or not len(geometry):
         return None
@@ -228,28 +188,27 @@ def _read_shape(element, link, colours, meshes, path, notes) -> Shape | None:
             notes.append(f"link {link}: a mesh with a scale of zero is left out")
             return None
         found = meshes.find(shape.get("filename", ""), f"link {link}")
-        return Shape(X_LG, kind, found, scale, rgba=rgba)
-    sizes = {"box": ("size",), "sphere": ("radius",)}
-    names = sizes.get(kind, ("radius", "length"))
-    if kind not in ("box", "sphere", "cylinder", "capsule"):
-        raise ModelError(f"{path}: link {link!r}: unknown geometry <{kind}>")
-    size = tuple(v for name in names for v in numbers_of(shape.get(name, "")))
-    if len(size) != {"box": 3, "sphere": 1}.get(kind, 2):
-        raise ModelError(f"{path}: link {link!r}: <{kind}> has no valid size")
+        return Shape(X_LG, Mesh(str(found), scale), rgba)
+    if kind not in _PRIMITIVES:
+        raise ValueError(f"unknown geometry <{kind}>")
+    make, names, count = _PRIMITIVES[kind]
+    size = [v for name in names for v in numbers_of(shape.get(name, ""))]
+    if len(size) != count:
+        raise ValueError(f"<{kind}> has no valid size")
     if not min(size) > 0.0:
         notes.append(f"link {link}: a {kind} without volume is left out")
         return None
-    return Shape(X_LG, kind, size=size, rgba=rgba)
+    return Shape(X_LG, make(*size), rgba)
 
 
-def _read_joint(element, path: Path, warnings: list[str]) -> Joint:
+def _read_joint(element, warnings: list[str]) -> Joint:
     name = element.get("name") or ""
     kind = element.get("type") or ""
     if kind not in (*MOVING, "fixed", "floating", "planar"):
-        raise ModelError(f"{path}: joint {name!r} has the unknown type {kind!r}")
+        raise ValueError(f"it has the unknown type {kind!r}")
     ends = {tag: element.find(tag) for tag in ("parent", "child")}
     if any(end is None for end in ends.values()):
-        raise ModelError(f"{path}: joint {name!r} lacks its parent or child")
+        raise ValueError("it lacks its parent or child")
     limit = element.find("limit")
     # A weld follows nothing, whatever the file says of it.
     mimic = None if kind == "fixed" else element.find("mimic")
@@ -259,7 +218,7 @@ def _read_joint(element, path: Path, warnings: list[str]) -> Joint:
     )
     length = np.linalg.norm(vector)
     if kind in MOVING and not length > 0.0:
-        raise ModelError(f"{path}: joint {name!r} has an axis of no length")
+        raise ValueError("it has an axis of no length")
 
     def number(of, key: str) -> float | None:
         if of is None or of.get(key) is None:
@@ -269,6 +228,7 @@ def _read_joint(element, path: Path, warnings: list[str]) -> Joint:
         except ValueError as error:
             raise ValueError(f"{key}: {error}") from error
 
+    multiplier = number(mimic, "multiplier")
     lower, upper = number(limit, "lower"), number(limit, "upper")
     if kind == "continuous" or lower is upper is None:
         lower, upper = -np.inf, np.inf
@@ -292,9 +252,7 @@ def _read_joint(element, path: Path, warnings: list[str]) -> Joint:
         number(limit, "velocity"),
         number(dynamics, "damping") or 0.0,
         "" if mimic is None else mimic.get("joint", ""),
-        number(mimic, "multiplier")
-        if mimic is not None and mimic.get("multiplier")
-        else 1.0,
+        1.0 if multiplier is None else multiplier,
         number(mimic, "offset") or 0.0,
     )
 

@@ -43,7 +43,7 @@ def test_complaints(link, complaint):
 
 
 def test_a_stand_in_is_that_of_a_solid_hull():
-    box = Shape(RigidTransform([0.1, 0, 0]), "box", size=(0.2, 0.3, 0.4))
+    box = Shape(RigidTransform([0.1, 0, 0]), Box(0.2, 0.3, 0.4))
     made = stand_in(link_parts(Link("l", (box,), (), None)), 3.0)
     solid = CalcSpatialInertia(Box(0.2, 0.3, 0.4), 3.0 / (0.2 * 0.3 * 0.4))
     assert made.mass == pytest.approx(3.0)

@@ -105,17 +105,17 @@ def test_the_whole_body_is_controlled(tmp_path):
     assert "left_leg" in {link for pair in choices.pairs for link in pair}
     # Again, with and without saying so.
     before = (out / "import.yaml").read_text()
-    import_robot("", out, lock=())
+    import_robot("", out, lock=[])
     import_robot("", out)
     assert (out / "import.yaml").read_text() == before
     with pytest.raises(ModelError, match=r"is there already: write lock: \[legs\]"):
-        import_robot("", out, lock=("legs",))
+        import_robot("", out, lock=["legs"])
 
 
 def test_the_ground_of_a_root_that_floats(tmp_path):
     """All links are kept above it, so far below the soles as pairs keep apart."""
     path, out = write(tmp_path, humanoid()), tmp_path / "out"
-    import_robot(str(path), out, lock=())
+    import_robot(str(path), out, lock=[])
     file = out / "import.yaml"
     assert load_robot_description(out).ground is None
     file.write_text(re.sub("base: \\w+", "base: floating", file.read_text()))
@@ -144,7 +144,7 @@ def test_an_import_that_says_what_is_locked_keeps_it(imported, tmp_path):
     shutil.copytree(imported.folder, folder)
     before = (folder / "import.yaml").read_text()
     with pytest.raises(ModelError, match="is there already"):
-        import_robot("", folder, lock=())
+        import_robot("", folder, lock=[])
     assert (folder / "import.yaml").read_text() == before
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from pydrake.geometry import Convex
+from pydrake.geometry import Convex, Mesh
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
@@ -50,7 +50,7 @@ def hull_of_drake(path: Path, scale=(1, 1, 1)) -> np.ndarray:
 
 
 def read(path: Path, scale=(1, 1, 1), up_axis: str = "z") -> list[Part]:
-    shape = Shape(RigidTransform(), "mesh", path, tuple(map(float, scale)))
+    shape = Shape(RigidTransform(), Mesh(str(path), scale))
     return link_parts(Link("l", (shape,), (), None), up_axis)
 
 
@@ -260,7 +260,7 @@ def test_in_a_pose(tmp_path, suffix):
     else:
         write_gltf(tmp_path / "a.gltf", *gltf_content())
     X = RigidTransform(RollPitchYaw(0.3, -0.5, 0.8), [1.0, 2.0, 3.0])
-    shape = Shape(X, "mesh", tmp_path / f"a{suffix}", (1.0, -2.0, 0.5))
+    shape = Shape(X, Mesh(str(tmp_path / f"a{suffix}"), [1.0, -2.0, 0.5]))
     expected = hull_of_drake(tmp_path / f"a{suffix}", (1, -2, 0.5))
     assert_same_hull(
         link_parts(Link("l", (shape,), (), None)), X.multiply(expected.T).T

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from pydrake.geometry import Box, Capsule, Mesh, Sphere
 from pydrake.math import RigidTransform
 from small_urdfs import joint, link, robot, write
 
@@ -30,7 +31,7 @@ def one(shape: Shape):
 def test_formats(tmp_path, suffix):
     path = tmp_path / f"box.{suffix}"
     trimesh.creation.box(extents=(1, 2, 3)).export(path)
-    part = one(Shape(RigidTransform([0, 0, 1.0]), "mesh", path))
+    part = one(Shape(RigidTransform([0, 0, 1.0]), Mesh(str(path))))
     np.testing.assert_allclose(part.vertices.max(axis=0), [0.5, 1.0, 2.5])
     np.testing.assert_allclose(part.vertices.min(axis=0), [-0.5, -1.0, -0.5])
 
@@ -42,7 +43,7 @@ def test_a_collada_file_in_millimetres(tmp_path):
     assert "<asset" in text
     head, asset, rest = text.partition("</asset>")
     path.write_text(head + '<unit name="millimeter" meter="0.001"/>' + asset + rest)
-    part = one(Shape(RigidTransform(), "mesh", path))
+    part = one(Shape(RigidTransform(), Mesh(str(path))))
     np.testing.assert_allclose(np.ptp(part.vertices, axis=0), [0.1, 0.2, 0.3])
 
 
@@ -69,7 +70,7 @@ def test_what_a_collada_file_calls_up(tmp_path, up, axis, far):
     path = tmp_path / "box.dae"
     long_box(path, up)
     assert dae_up_axis(path) == axis
-    shape = Shape(RigidTransform(), "mesh", path)
+    shape = Shape(RigidTransform(), Mesh(str(path)))
     for reading, corner in (("file", far), ("z", [0.1, 0.2, 0.6])):
         (part,) = link_parts(Link("l", (shape,), (), None), reading)
         reach = np.array(corner)
@@ -95,24 +96,24 @@ def test_whether_a_file_lies_is_seen_from_the_joints(tmp_path, way, reading):
 def test_a_mirroring_scale_keeps_triangles_outside_out(tmp_path):
     path = tmp_path / "box.stl"
     trimesh.creation.box(extents=(1, 2, 3)).export(path)
-    part = one(Shape(RigidTransform(), "mesh", path, (1.0, -0.5, 1.0)))
+    part = one(Shape(RigidTransform(), Mesh(str(path), [1.0, -0.5, 1.0])))
     assert trimesh.Trimesh(part.vertices, part.faces).volume == pytest.approx(3.0)
 
 
 def test_colours(tmp_path):
     path = tmp_path / "box.stl"
     trimesh.creation.box().export(path)
-    assert one(Shape(RigidTransform(), "mesh", path, rgba=(1, 0, 0, 1))).rgba == (
+    assert one(Shape(RigidTransform(), Mesh(str(path)), (1, 0, 0, 1))).rgba == (
         1,
         0,
         0,
         1,
     )
-    assert one(Shape(RigidTransform(), "sphere", size=(0.1,))).rgba[3] == 1.0
+    assert one(Shape(RigidTransform(), Sphere(0.1))).rgba[3] == 1.0
 
 
 def test_decimation_keeps_the_shape():
-    part = one(Shape(RigidTransform(), "capsule", size=(0.1, 0.4)))
+    part = one(Shape(RigidTransform(), Capsule(0.1, 0.4)))
     small = simplified(part, 300)
     assert len(small.faces) <= 330 < len(part.faces)
     np.testing.assert_allclose(
@@ -125,14 +126,14 @@ def test_triangles_that_share_no_vertices_are_decimated_as_one_surface():
     ball = trimesh.creation.icosphere(3)
     corners = ball.vertices[ball.faces].reshape(-1, 3)
     apart = corners, np.arange(len(corners)).reshape(-1, 3)
-    small = simplified(one(Shape(RigidTransform(), "triangles", triangles=apart)), 300)
+    small = simplified(one(Shape(RigidTransform(), apart)), 300)
     assert trimesh.Trimesh(small.vertices, small.faces).volume == pytest.approx(
         ball.volume, rel=0.05
     )
 
 
 def test_obj_and_hulls(tmp_path):
-    part = one(Shape(RigidTransform(), "box", size=(1.0, 2.0, 3.0)))
+    part = one(Shape(RigidTransform(), Box(1.0, 2.0, 3.0)))
     write_obj(tmp_path / "a.obj", part.vertices, part.faces)
     vertices, faces = read_obj(tmp_path / "a.obj")
     np.testing.assert_allclose(vertices[faces], part.vertices[part.faces], atol=1e-5)
@@ -178,7 +179,7 @@ def test_unreadable_meshes_are_named(tmp_path):
     path = tmp_path / "hand.stl"
     path.write_bytes(b"nothing of the kind")
     with pytest.raises(ModelError, match="link 'l': mesh .*hand.stl"):
-        one(Shape(RigidTransform(), "mesh", path))
+        one(Shape(RigidTransform(), Mesh(str(path))))
 
 
 def binary_stl(triangles: np.ndarray) -> bytes:
@@ -197,7 +198,7 @@ def test_an_stl_with_more_or_fewer_bytes_than_it_says(tmp_path):
     )
     data = binary_stl(tetrahedron.triangles)
     path = tmp_path / "hand.STL"
-    shape = Shape(RigidTransform(), "mesh", path)
+    shape = Shape(RigidTransform(), Mesh(str(path)))
     for more in (b"", b"some bytes", b"\n" * 60):
         path.write_bytes(data + more)
         part = one(shape)
@@ -225,4 +226,4 @@ def test_a_vertex_that_is_no_place(tmp_path, suffix, wrong):
     with np.errstate(invalid="ignore"):
         mesh.export(path)
     with pytest.raises(ModelError, match=r"hand\.\w+.* vertex \d+ is \(.*(nan|inf)"):
-        one(Shape(RigidTransform(), "mesh", path))
+        one(Shape(RigidTransform(), Mesh(str(path))))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.geometry import Capsule, Cylinder, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -140,11 +141,14 @@ def test_what_a_joint_admits_bounds_its_actuators(tmp_path):
 
 def test_looks(features):
     path, robot = features
-    assert [s.kind for s in robot.links["turned"].visual] == ["capsule"]
+    assert [type(s.geometry) for s in robot.links["turned"].visual] == [Capsule]
     assert not robot.links["turned"].collision
     # Only what collides, in a hidden group: nothing else shows the link.
     assert not robot.links["angled"].visual
-    assert [s.kind for s in robot.links["angled"].collision] == ["cylinder", "sphere"]
+    assert [type(s.geometry) for s in robot.links["angled"].collision] == [
+        Cylinder,
+        Sphere,
+    ]
     assert robot.links["base"].visual[0].rgba == (0.0, 1.0, 0.0, 1.0)
     assert robot.links["turned"].visual[0].rgba == (0.2, 0.4, 0.8, 1.0)
     size = np.ptp(link_parts(robot.links["zaxis"])[0].vertices, axis=0)

@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
+from pydrake.geometry import Box, Capsule, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -136,10 +137,11 @@ def test_inertias_limits_and_what_moves_them(features):
 def test_looks(features):
     links = features[1].links
     (look,) = links["base"].visual
-    assert (look.kind, look.size, look.rgba) == ("box", (0.2, 0.4, 0.1), (0, 1, 0, 1))
+    assert isinstance(look.geometry, Box) and look.rgba == (0, 1, 0, 1)
+    np.testing.assert_array_equal(look.geometry.size(), [0.2, 0.4, 0.1])
     assert any("ground" in note and "base" in note for note in features[1].notes)
-    assert [s.kind for s in links["wrist"].visual] == ["capsule"]
-    assert [s.kind for s in links["wrist"].collision] == ["sphere"]
+    assert [type(s.geometry) for s in links["wrist"].visual] == [Capsule]
+    assert [type(s.geometry) for s in links["wrist"].collision] == [Sphere]
     # A collision of a format that Drake refuses, turned about z, mirrored and scaled.
     assert not links["upper"].visual
     (part,) = link_parts(links["upper"])

@@ -1,6 +1,5 @@
 """SDF texts for the tests of the import."""
 
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
@@ -184,78 +183,3 @@ def model(*parts: str, name: str = "small") -> str:
 def sdf(*parts: str) -> str:
     """A file."""
     return f'<sdf version="1.9">{"".join(parts)}</sdf>'
-
-
-def from_urdf(text: str) -> str:
-    """A URDF of one-axis joints and primitives, the same robot as an SDF.
-
-    Each link's pose is in the joint that carries it, and the joint's in its parent,
-    which is another way to say it than a URDF's.
-    """
-    robot = ElementTree.fromstring(text)
-    carried = {j.find("child").get("link"): j for j in robot.findall("joint")}
-    parts = []
-    for element in robot.findall("link"):
-        above = carried.get(element.get("name"))
-        # The joint's frame is at its child's origin: so the child's is the parent's,
-        # moved.
-        place = ""
-        if above is not None:
-            parent = above.find("parent").get("link")
-            place = f'<pose relative_to="{parent}">{_pose(above)}</pose>'
-        shapes = "".join(_shape(v, i) for i, v in enumerate(element.findall("visual")))
-        name = element.get("name")
-        parts.append(f'<link name="{name}">{place}{_inertia(element)}{shapes}</link>')
-    for element in robot.findall("joint"):
-        ends = [element.find(end).get("link") for end in ("parent", "child")]
-        limit = element.find("limit").attrib
-        limits = "".join(f"<{key}>{value}</{key}>" for key, value in limit.items())
-        mimic = element.find("mimic")
-        follows = ""
-        if mimic is not None:
-            follows = (
-                f'<mimic joint="{mimic.get("joint")}"><multiplier>'
-                f"{mimic.get('multiplier', '1')}</multiplier></mimic>"
-            )
-        axis = (
-            f"<axis><xyz>{element.find('axis').get('xyz')}</xyz>"
-            f"<limit>{limits}</limit>{follows}</axis>"
-        )
-        kind = element.get("type")
-        parts.append(
-            f'<joint name="{element.get("name")}" type="{kind}">'
-            f"<parent>{ends[0]}</parent><child>{ends[1]}</child>"
-            f"{'' if kind == 'fixed' else axis}</joint>"
-        )
-    return sdf(model(*parts, name=robot.get("name")))
-
-
-def _pose(element) -> str:
-    origin = element.find("origin")
-    if origin is None:
-        return "0 0 0 0 0 0"
-    return f"{origin.get('xyz', '0 0 0')} {origin.get('rpy', '0 0 0')}"
-
-
-def _inertia(element) -> str:
-    inertial = element.find("inertial")
-    if inertial is None:
-        return ""
-    moments = inertial.find("inertia").attrib.items()
-    inertia = "".join(f"<{key}>{value}</{key}>" for key, value in moments)
-    return (
-        f"<inertial><pose>{_pose(inertial)}</pose>"
-        f"<mass>{inertial.find('mass').get('value')}</mass>"
-        f"<inertia>{inertia}</inertia></inertial>"
-    )
-
-
-def _shape(visual, index: int) -> str:
-    (shape,) = visual.find("geometry")
-    size = "".join(f"<{key}>{value}</{key}>" for key, value in shape.attrib.items())
-    rgba = visual.find("material/color").get("rgba")
-    return (
-        f'<visual name="look_{index}"><pose>{_pose(visual)}</pose><geometry>'
-        f"<{shape.tag}>{size}</{shape.tag}></geometry>"
-        f"<material><diffuse>{rgba}</diffuse></material></visual>"
-    )

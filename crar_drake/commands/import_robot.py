@@ -1,10 +1,9 @@
 """`crar-drake import-robot`: a robot that scenarios can name, from its own file."""
 
 import argparse
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
+from crar_drake.commands.folders import progress_bar
 from crar_drake.commands.options import add_command
 
 
@@ -116,7 +115,8 @@ def run(arguments: argparse.Namespace) -> None:
         robot, out = "", out or Path(given)
     elif out is None:
         out = imported_robots_folder() / default_name(find_urdf(given)[0])
-    with _import_bar() as progress:
+    with progress_bar() as bar:
+        task = bar.add_task("", total=100)
         report = import_robot(
             robot,
             out,
@@ -126,7 +126,9 @@ def run(arguments: argparse.Namespace) -> None:
             base=arguments.base,
             srdf=arguments.srdf,
             posture=arguments.posture,
-            progress=progress,
+            progress=lambda what, share: bar.update(
+                task, completed=round(100.0 * share), description=what
+            ),
         )
     for line in report.lines():
         print(printable(line))
@@ -170,29 +172,3 @@ def _groups_to_lock(arguments: argparse.Namespace) -> list[str] | None:
     if arguments.lock is None:
         return None
     return [group.strip() for group in arguments.lock.split(",")]
-
-
-@contextmanager
-def _import_bar() -> Iterator[Callable[[str, float], None]]:
-    """Yields a callback that draws how far an import is, on stderr."""
-    from rich import progress
-    from rich.console import Console
-
-    columns = (
-        progress.BarColumn(bar_width=20),
-        progress.TextColumn("{task.description}"),
-    )
-    bar = progress.Progress(*columns, console=Console(stderr=True), transient=True)
-
-    def show(what: str, share: float) -> None:
-        if not bar.tasks:
-            bar.add_task(what, total=1.0)
-        if share > 0.0:  # a robot that is refused shows no bar
-            bar.start()
-        bar.update(bar.task_ids[0], completed=share, description=what)
-
-    try:
-        yield show
-    finally:
-        if bar.live.is_started:
-            bar.stop()

@@ -226,14 +226,6 @@ class WatchedPairs:
         )
         return pairs, WatchedRows(self.shape_pairs, exact[a] & exact[b], moves)
 
-    def ask(self, query: QueryObject) -> np.ndarray:
-        """SceneGraph's answers for all shape pairs.
-
-        Returns:
-            (Ns, 7) distance [m], normal from b to a, point on a, in W.
-        """
-        return self._answers(query, range(len(self._shapes)))
-
     def ask_distances(self, query: QueryObject) -> np.ndarray:
         """`ask` for the distances alone, several times as fast; the rest is 0."""
         ask = query.ComputeSignedDistancePairClosestPoints
@@ -244,22 +236,17 @@ class WatchedPairs:
         ]
         return answers
 
-    def ask_pairs(self, query: QueryObject, pairs: Iterable[int]) -> list[np.ndarray]:
-        """SceneGraph's answers for some watched pairs only.
+    def ask(self, query: QueryObject, rows: Iterable[int] | None = None) -> np.ndarray:
+        """SceneGraph's answers for shape pairs.
 
         Args:
-            pairs: which.
+            rows: which of them, K; by default all.
 
         Returns:
-            Per pair (shape pairs, 7), each as in `ask`.
+            (K, 7) distance [m], normal from b to a, point on a, in W.
         """
-        return [
-            self._answers(query, np.unique(rows).tolist())
-            for rows in self.shape_pairs[list(pairs)]
-        ]
-
-    def _answers(self, query: QueryObject, rows: Iterable[int]) -> np.ndarray:
-        rows, ask = list(rows), query.ComputeSignedDistancePairClosestPoints
+        rows = list(range(len(self._shapes)) if rows is None else rows)
+        ask = query.ComputeSignedDistancePairClosestPoints
         answers, at, poses = np.empty((len(rows), 7)), np.empty(len(rows), int), {}
         for k, (a, b, point) in enumerate(map(self._shapes.__getitem__, rows)):
             at[k] = poses.setdefault(a, len(poses))

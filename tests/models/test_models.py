@@ -5,46 +5,36 @@ import importlib
 import re
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-from pydrake.geometry import SceneGraph
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import JointActuatorIndex, RigidBody
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JointActuatorIndex
 
+from crar_drake.judging.referee import Referee
 from crar_drake.resources import data_folder
+from crar_drake.robot.description import (
+    load_robot_description,
+    model_parser,
+    robot_diagram,
+)
+from crar_drake.robot_import.pair_sampling import position_ranges
 
 MODELS = data_folder("models")
 ROBOTS = ("upper_body", "obstacle_arm", "tipping_cell")
 WAIST = ("waist_x", "waist_y", "waist_z")
 
 
-@dataclass
 class Loaded:
     """A robot in a diagram, with the contexts to ask it."""
 
-    description: dict
-    plant: MultibodyPlant
-    scene_graph: SceneGraph
-    root: Context
-    diagram: object  # keeps the systems alive
-
-    @property
-    def context(self) -> Context:
-        return self.plant.GetMyMutableContextFromRoot(self.root)
-
-    def body(self, name: str) -> RigidBody:
-        *model, link = name.split("::")
-        if not model:
-            return self.plant.GetBodyByName(link)
-        return self.plant.GetBodyByName(
-            link, self.plant.GetModelInstanceByName(model[0])
-        )
+    def __init__(self, name: str) -> None:
+        self.description = load_robot_description(name)
+        self.diagram, self.plant, self.scene_graph = robot_diagram(self.description)
+        self.root = self.diagram.CreateDefaultContext()
+        self.context = self.plant.GetMyMutableContextFromRoot(self.root)
+        self._referee = Referee(self.plant, self.scene_graph, self.description.pairs)
 
     def positions(self, posture: dict[str, float]) -> np.ndarray:
         q = np.zeros(self.plant.num_positions())
@@ -53,57 +43,22 @@ class Loaded:
         return q
 
     def pair_distances(self, q: np.ndarray) -> dict[tuple[str, str], float]:
+        """Leaves the context there."""
         self.plant.SetPositions(self.context, q)
-        query = self.scene_graph.get_query_output_port().Eval(
-            self.scene_graph.GetMyContextFromRoot(self.root)
-        )
-        distances = {}
-        for pair in self.description["pairs"]:
-            shapes_a, shapes_b = (
-                self.plant.GetCollisionGeometriesForBody(self.body(name))
-                for name in pair
-            )
-            distances[tuple(pair)] = min(
-                query.ComputeSignedDistancePairClosestPoints(a, b).distance
-                for a in shapes_a
-                for b in shapes_b
-            )
-        return distances
+        pairs = map(tuple, self.description.pairs)
+        return dict(zip(pairs, self._referee.distances(q), strict=True))
 
     def random_positions(self, rng: np.random.Generator) -> np.ndarray:
-        lower = self.plant.GetPositionLowerLimits()
-        upper = self.plant.GetPositionUpperLimits()
-        return rng.uniform(
-            np.where(np.isfinite(lower), lower, -np.pi),
-            np.where(np.isfinite(upper), upper, np.pi),
-        )
+        return rng.uniform(*position_ranges(self.plant))
 
     def moving_joints(self) -> list:
         joints = map(self.plant.get_joint, self.plant.GetJointIndices())
         return [joint for joint in joints if joint.num_velocities() > 0]
 
 
-def load(name: str) -> Loaded:
-    folder = MODELS / name
-    description = yaml.safe_load((folder / "robot.yaml").read_text("utf-8"))
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    parser = Parser(plant)
-    parser.SetStrictParsing()  # what Drake would only warn about fails the test
-    parser.package_map().AddPackageXml(str(folder / "package.xml"))
-    parser.AddModels(str(folder / description["model"]))
-    if description["base"]:
-        base = plant.GetFrameByName(description["base"])
-        plant.WeldFrames(plant.world_frame(), base)
-    plant.Finalize()
-    diagram = builder.Build()
-    root = diagram.CreateDefaultContext()
-    return Loaded(description, plant, scene_graph, root, diagram)
-
-
 @pytest.fixture(scope="module")
 def robots() -> dict[str, Loaded]:
-    return {name: load(name) for name in ROBOTS}
+    return {name: Loaded(name) for name in ROBOTS}
 
 
 @pytest.fixture(params=ROBOTS)
@@ -116,6 +71,14 @@ def upper_body(robots: dict[str, Loaded]) -> Loaded:
     return robots["upper_body"]
 
 
+@pytest.mark.parametrize("name", ROBOTS)
+def test_drake_has_nothing_to_warn_of(name: str) -> None:
+    plant, description = MultibodyPlant(0.0), load_robot_description(name)
+    parser = model_parser(plant, description)
+    parser.SetStrictParsing()
+    parser.AddModels(str(MODELS / name / description.model))
+
+
 def test_upper_body_has_the_papers_joints(upper_body: Loaded) -> None:
     sides = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
     controlled = {"torso_yaw", "torso_pitch", "torso_roll"}
@@ -124,7 +87,7 @@ def test_upper_body_has_the_papers_joints(upper_body: Loaded) -> None:
     names = {joint.name() for joint in upper_body.moving_joints()}
     assert names == controlled | set(WAIST)
     assert upper_body.plant.num_velocities() == 14
-    assert set(upper_body.description["prescribed_joints"]) == set(WAIST)
+    assert set(upper_body.description.prescribed_joints) == set(WAIST)
 
 
 def test_every_joint_has_an_actuator_of_its_name(robot: Loaded) -> None:
@@ -146,7 +109,7 @@ def test_limits(robot: Loaded) -> None:
             assert lower == -np.inf and upper == np.inf
         elif joint.name() not in WAIST:
             assert -np.pi - 1e-6 <= lower < 0 <= upper <= np.pi
-    q_rest = robot.positions(robot.description["rest_posture"])
+    q_rest = robot.positions(robot.description.rest_posture)
     assert np.all(q_rest > robot.plant.GetPositionLowerLimits())
     assert np.all(q_rest < robot.plant.GetPositionUpperLimits())
 
@@ -170,7 +133,7 @@ def test_rest_posture_is_clear(
     robots: dict[str, Loaded], name: str, clearance: float
 ) -> None:
     robot = robots[name]
-    q_rest = robot.positions(robot.description["rest_posture"])
+    q_rest = robot.positions(robot.description.rest_posture)
     for pair, distance in robot.pair_distances(q_rest).items():
         assert distance > clearance, pair
     # Nothing else touches either, so contact may be switched on.
@@ -223,7 +186,7 @@ def mirrored(robot: Loaded, q: np.ndarray) -> np.ndarray:
 def test_left_and_right_are_mirror_images(upper_body: Loaded) -> None:
     plant, context = upper_body.plant, upper_body.context
     rng = np.random.default_rng(2)
-    frames = upper_body.description["task_frames"].values()
+    frames = upper_body.description.task_frames.values()
     swap = {"left": "right", "right": "left"}
 
     def other(name: str) -> str:
@@ -266,7 +229,7 @@ def test_left_and_right_are_mirror_images(upper_body: Loaded) -> None:
 def test_zero_configuration(upper_body: Loaded) -> None:
     plant, context = upper_body.plant, upper_body.context
     plant.SetPositions(context, np.zeros(plant.num_positions()))
-    frames = upper_body.description["task_frames"]
+    frames = upper_body.description.task_frames
 
     def p_W(point: str) -> np.ndarray:
         return (

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, Capsule, Cylinder, Ellipsoid, QueryObject, Sphere
+from pydrake.geometry import Box, Capsule, Cylinder, Ellipsoid, QueryObject
 from pydrake.math import RigidTransform, RotationMatrix
 from scipy.spatial import ConvexHull
 from small_robots import CAPSULE, chain_urdf, make_model, random_state
@@ -12,24 +12,6 @@ from crar_drake.robot.collision_pairs import shape_axis
 
 BOX = '<box size="0.05 0.07 0.2"/>'
 CYLINDER = '<cylinder radius="0.04" length="0.2"/>'
-
-
-def test_axis_of_a_capsule_is_its_z_axis():
-    X_BG = RigidTransform(RotationMatrix.MakeYRotation(0.3), [0.1, 0.2, 0.3])
-    axis = shape_axis(Capsule(radius=0.05, length=0.4), X_BG.GetAsMatrix34())
-    np.testing.assert_allclose(axis.p_B0, X_BG @ np.array([0, 0, -0.2]))
-    np.testing.assert_allclose(axis.p_B1, X_BG @ np.array([0, 0, 0.2]))
-    assert axis.radius == 0.05
-
-
-def test_axis_of_a_sphere_is_a_point():
-    X_BG = RigidTransform([0.1, 0.2, 0.3]).GetAsMatrix34()
-    axis = shape_axis(Sphere(0.07), X_BG)
-    np.testing.assert_array_equal(axis.p_B0, axis.p_B1)
-    np.testing.assert_array_equal(axis.p_B0, [0.1, 0.2, 0.3])
-    assert axis.radius == 0.07
-    axis.p_B0[0] = 9.0  # its own copy
-    assert axis.p_B1[0] == 0.1
 
 
 @pytest.mark.parametrize("shape", [Cylinder(0.3, 1.0), Ellipsoid(0.3, 0.2, 0.5)])

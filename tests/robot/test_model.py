@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.controllers import InverseDynamics
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
@@ -428,17 +426,6 @@ def test_refused_tasks(tasks, words):
         make_model(chain_urdf("zz"), tasks, task_frames={"hand": "l1"})
     for word in words:
         assert word in str(caught.value)
-
-
-def test_floating_base_is_refused():
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
-    Parser(plant).AddModelsFromString(chain_urdf("zz"), "urdf")
-    plant.Finalize()
-    with pytest.raises(ModelError, match="floating|weld"):
-        ControlModel.FromPlant(
-            plant, scene_graph, RobotDescription(), [Task(frame="tip")]
-        )
 
 
 def test_the_default_model_is_a_clone():

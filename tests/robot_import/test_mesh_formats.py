@@ -139,23 +139,6 @@ def test_gltf_has_y_up(tmp_path, suffix, nodes, scale):
         assert_same_hull(read(path, scale, up_axis), expected)
 
 
-@pytest.mark.parametrize("nodes", [None, NESTED], ids=["plain", "nested"])
-def test_gltf_by_hand(tmp_path, nodes):
-    """The closed form: x stays, z is what was y, y what was -z."""
-    path = write_gltf(tmp_path / "a.gltf", *gltf_content(nodes))
-    if nodes is None:
-        expected = CORNERS[:, [0, 2, 1]] * [1, -1, 1]
-    else:
-        scaled = CORNERS * [1.0, 2.0, -3.0]
-        turned = CORNERS[:, [1, 0, 2]] * [-1, 1, 1] + [4.0, 5.0, 6.0]
-        both = np.concatenate([scaled, turned * [1.0, 2.0, -3.0]])
-        # The quaternion takes x to y, y to z and z to x.
-        both = both[:, [2, 0, 1]] + [1.0, 2.0, 3.0]
-        expected = both[:, [0, 2, 1]] * [1, -1, 1]
-        expected = expected[ConvexHull(expected).vertices]
-    assert_same_hull(read(path), expected)
-
-
 def test_the_buffers_of_a_gltf_may_be_files(tmp_path):
     content, buffer = gltf_content()
     (tmp_path / "a.bin").write_bytes(buffer)

@@ -8,14 +8,11 @@ from pydrake.geometry import Capsule, Cylinder, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from small_mjcfs import FEATURES, body, humanoid, mjcf, write_features
+from small_mjcfs import FEATURES, body, mjcf, write_features
 from small_urdfs import write
 from source_robots import random_positions, spatial_inertia
 
 from crar_drake.errors import ModelError
-from crar_drake.robot.description import load_robot_description
-from crar_drake.robot.model import ControlModel
-from crar_drake.robot.task import EXPERIMENTS, position_tasks
 from crar_drake.robot_import import import_robot
 from crar_drake.robot_import.link_bodies import read_inertia
 from crar_drake.robot_import.meshes import link_parts
@@ -77,24 +74,6 @@ def test_it_moves_as_mujoco_says(features):
     positions = random_positions(robot)
     assert set(positions) == set(JOINTS)
     assert_same_poses(robot.poses(positions), mujoco_poses(path, positions), BODIES)
-
-
-def test_it_moves_as_drake_says(features):
-    path, robot = features
-    plant = drake_plant(path)
-    context, positions = plant.CreateDefaultContext(), random_positions(robot)
-    # Of several joints of a body that is turned Drake 1.51 has all but the last one's
-    # axes in the parent; MuJoCo is the judge of those.
-    positions |= {"turn": 0.0, "slide": 0.0}
-    for name, position in positions.items():
-        joint = plant.GetJointByName(name)
-        set_position = getattr(joint, "set_angle", None) or joint.set_translation
-        set_position(context, position)
-    theirs = {
-        name: plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
-        for name in BODIES
-    }
-    assert_same_poses(robot.poses(positions), theirs, BODIES)
 
 
 def test_it_weighs_what_drake_says(features):
@@ -369,20 +348,6 @@ def test_what_is_left_out_is_said(tmp_path):
     assert set(report.choices.locked) == {"ball"}
     with pytest.raises(ModelError, match="'ball' is ball.*add it to locked"):
         import_small(tmp_path, mjcf(bodies, more), "locked: {}\n")
-
-
-def test_a_humanoid_is_imported(tmp_path):
-    report = import_small(tmp_path, humanoid(), "pairs: []\n")
-    assert report.choices.base == "prescribed"
-    assert set(report.choices.locked) == {"neck", "left_hip", "right_hip"}
-    assert report.choices.rest_posture["waist_z"] == pytest.approx(0.8)
-    description = load_robot_description(tmp_path)
-    tasks = position_tasks(EXPERIMENTS["upper-body"])
-    model = ControlModel.FromDescription(description, tasks)
-    assert len(model.joint_names) == 13
-    assert np.isinf(model.velocity_limits).all()
-    waist = model.joint_names.index("waist_yaw")
-    assert model.effort_limits[model.controlled[waist]] == 50.0
 
 
 def test_its_name(tmp_path):

@@ -13,18 +13,16 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from small_sdfs import (
     FEATURES,
     WEDGE,
-    from_urdf,
     joint,
     link,
     model,
     sdf,
     write_features,
 )
-from small_urdfs import humanoid_with_legs, write
+from small_urdfs import write
 from source_robots import random_positions, spatial_inertia
 
 from crar_drake.errors import ModelError
-from crar_drake.robot.description import add_robot, load_robot_description
 from crar_drake.robot_import import import_robot
 from crar_drake.robot_import.link_bodies import read_inertia
 from crar_drake.robot_import.meshes import link_parts
@@ -300,70 +298,6 @@ def test_joints_of_other_kinds_have_to_be_locked(tmp_path):
 def test_a_file_that_says_nothing_is_named_after_its_model(tmp_path):
     path = write(tmp_path / "models" / "urdf", sdf(model(name="arm")), "model.sdf")
     assert default_name(path) == "arm"
-
-
-def imported(folder, text: str, name: str):
-    """The description and plant of an import with one capsule a link."""
-    write(folder, text, name)
-    (folder / "import.yaml").write_text(
-        f"source: {name}\nmost_capsules: 1\nlock: [hands]\n"
-    )
-    report = import_robot("", folder)
-    description = load_robot_description(folder)
-    plant = MultibodyPlant(1e-3)
-    from pydrake.geometry import SceneGraph
-
-    scene_graph = SceneGraph()
-    plant.RegisterAsSourceForSceneGraph(scene_graph)
-    add_robot(plant, description)
-    plant.Finalize()
-    return report, description, plant
-
-
-@pytest.fixture(scope="module")
-def both(tmp_path_factory):
-    """One robot, as a URDF and as an SDF."""
-    text = humanoid_with_legs()
-    return [
-        imported(tmp_path_factory.mktemp(name), written, f"small_humanoid.{name}")
-        for name, written in (("urdf", text), ("sdf", from_urdf(text)))
-    ]
-
-
-def test_an_sdf_is_imported_as_the_same_urdf(both):
-    """Frames, limits, pairs, masses and motion; two ways through Drake's parsers."""
-    (one_report, one, plant), (other_report, other, same) = both
-    assert one_report.choices.frames.keys() == other_report.choices.frames.keys()
-    for key in ("base", "facing", "segments"):
-        assert getattr(other_report.choices, key) == getattr(one_report.choices, key)
-    for key in ("locked", "rest_posture"):
-        expected = getattr(one_report.choices, key)
-        assert getattr(other_report.choices, key) == pytest.approx(expected, abs=1e-6)
-    assert {frozenset(pair) for pair in other.pairs} == {
-        frozenset(pair) for pair in one.pairs
-    }
-    assert len(one.pairs) > 20
-    assert (one.root, one.base) == (other.root, other.base) == ("prescribed", "pelvis")
-    for get in ("GetPositionLowerLimits", "GetVelocityUpperLimits"):
-        np.testing.assert_allclose(getattr(plant, get)(), getattr(same, get)())
-    np.testing.assert_allclose(
-        plant.GetEffortLowerLimits(), same.GetEffortLowerLimits()
-    )
-    contexts = [p.CreateDefaultContext() for p in (plant, same)]
-    rng, names = np.random.default_rng(3), plant.GetPositionNames()
-    assert names == same.GetPositionNames()
-    for _ in range(5):
-        q = rng.uniform(-1.0, 1.0, plant.num_positions())
-        q[:4] /= np.linalg.norm(q[:4])
-        v = rng.uniform(-1.0, 1.0, plant.num_velocities())
-        found = []
-        for p, context in zip((plant, same), contexts, strict=True):
-            p.SetPositions(context, q)
-            frames = [p.GetFrameByName(name) for name in one.task_frames.values()]
-            X = [f.CalcPoseInWorld(context).GetAsMatrix34() for f in frames]
-            found.append((X, p.CalcMassMatrix(context) @ v))
-        np.testing.assert_allclose(found[0][0], found[1][0], atol=1e-6)
-        np.testing.assert_allclose(found[0][1], found[1][1], rtol=1e-6, atol=1e-9)
 
 
 def test_cassie(robot_data):

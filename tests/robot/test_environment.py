@@ -1,10 +1,8 @@
 """Meshes that stand in the world: their pieces, their formats, and what is refused."""
 
-import json
-import struct
-
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial import ConvexHull
 from small_robots import chain_urdf
 
@@ -40,52 +38,8 @@ def obj(*solids: np.ndarray) -> str:
 
 
 def stl(*solids: np.ndarray) -> bytes:
-    faces = np.concatenate([points[triangles(points)] for points in solids])
-    data = bytes(80) + struct.pack("<I", len(faces))
-    for face in faces:
-        data += struct.pack("<12f", 0, 0, 0, *face.ravel()) + bytes(2)
-    return data
-
-
-def gltf(points: np.ndarray) -> str:
-    """Of one solid, given z up, in a file that has y up."""
-    import base64
-
-    turned = points @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, z, -y)
-    faces = triangles(points)
-    data = turned.astype("<f4").tobytes() + faces.astype("<u4").tobytes()
-    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
-    size = 12 * len(points)
-    return json.dumps(
-        {
-            "asset": {"version": "2.0"},
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0}],
-            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
-            "accessors": [
-                {
-                    "bufferView": 0,
-                    "componentType": 5126,
-                    "count": len(points),
-                    "type": "VEC3",
-                    "min": turned.min(0).tolist(),
-                    "max": turned.max(0).tolist(),
-                },
-                {
-                    "bufferView": 1,
-                    "componentType": 5125,
-                    "count": faces.size,
-                    "type": "SCALAR",
-                },
-            ],
-            "bufferViews": [
-                {"buffer": 0, "byteOffset": 0, "byteLength": size},
-                {"buffer": 0, "byteOffset": size, "byteLength": 4 * faces.size},
-            ],
-            "buffers": [{"byteLength": len(data), "uri": uri}],
-        }
-    )
+    meshes = [trimesh.Trimesh(points, triangles(points)) for points in solids]
+    return trimesh.exchange.stl.export_stl(trimesh.util.concatenate(meshes))
 
 
 def same_points(found: np.ndarray, expected: np.ndarray) -> bool:
@@ -110,8 +64,9 @@ def test_each_connected_piece_is_a_hull(tmp_path, suffix):
 
 
 def test_a_gltf_file_has_y_up(tmp_path):
-    path = tmp_path / "board.gltf"
-    path.write_text(gltf(TWO[1]))
+    path = tmp_path / "board.glb"
+    turned = TWO[1] @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, z, -y)
+    trimesh.Trimesh(turned, triangles(TWO[1])).export(path)
     (found,) = convex_pieces(path)
     assert same_points(found, TWO[1])
 

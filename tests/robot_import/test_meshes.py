@@ -155,21 +155,12 @@ def test_unreadable_meshes_are_named(tmp_path):
         one(Shape(RigidTransform(), Mesh(str(path))))
 
 
-def binary_stl(triangles: np.ndarray) -> bytes:
-    """(N, 3, 3) corners, as the format has them, normals of zero."""
-    body = b"".join(
-        np.concatenate([np.zeros((1, 3)), corners]).astype("<f4").tobytes() + b"\0\0"
-        for corners in triangles
-    )
-    return b" " * 80 + len(triangles).to_bytes(4, "little") + body
-
-
 def test_an_stl_with_more_or_fewer_bytes_than_it_says(tmp_path):
     tetrahedron = trimesh.Trimesh(
         [[0, 0, 0], [0.03, 0, 0], [0, 0.03, 0], [0.01, 0.01, 0.12]],
         [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
     )
-    data = binary_stl(tetrahedron.triangles)
+    data = trimesh.exchange.stl.export_stl(tetrahedron)
     path = tmp_path / "hand.STL"
     shape = Shape(RigidTransform(), Mesh(str(path)))
     for more in (b"", b"some bytes", b"\n" * 60):

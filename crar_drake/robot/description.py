@@ -4,7 +4,7 @@
 import math
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
@@ -125,73 +125,65 @@ class RobotDescription:
         Raises:
             ModelError: names the entry and what it may be.
         """
-        if self.root not in ROOTS:
-            raise ModelError(
-                f"robot {self.name}: root: {self.root!r} is none of {', '.join(ROOTS)}"
-            )
-        if self.root != "fixed" and not self.base:
-            raise ModelError(
-                f"robot {self.name}: root: {self.root!r} needs the name of the link "
-                "that floats; give it as base"
-            )
-        if not 0.0 < self.range_share <= 1.0:
-            raise ModelError(
-                f"robot {self.name}: range_share: {self.range_share} is no share; it "
-                "is more than 0 and at most 1"
-            )
+        for mistake in self._mistakes():
+            raise ModelError(f"robot {self.name}: {mistake}")
+        for name, fixture in self.environment.items():
+            fixture.validate(f"robot {self.name}: environment: {name}")
         for name in ("xyz", "rpy"):
             value = getattr(self.root_pose, name)
             check_vector(f"robot {self.name}: root_pose.{name}", value, ModelError)
+        check_soles(self.soles, f"robot {self.name}")
+
+    def _mistakes(self) -> Iterator[str]:
+        if self.root not in ROOTS:
+            yield f"root: {self.root!r} is none of {', '.join(ROOTS)}"
+        if self.root != "fixed" and not self.base:
+            yield (
+                f"root: {self.root!r} needs the name of the link that floats; give it "
+                "as base"
+            )
+        if not 0.0 < self.range_share <= 1.0:
+            yield (
+                f"range_share: {self.range_share} is no share; it is more than 0 and "
+                "at most 1"
+            )
         for pair in self.pairs:
             if len(pair) != 2 or pair[0] == pair[1]:
-                raise ModelError(
-                    f"robot {self.name}: pairs: {pair} must name two different links"
-                )
-        seen = [frozenset(pair) for pair in self.pairs]
-        for pair in self.pairs:
-            if seen.count(frozenset(pair)) > 1:
-                raise ModelError(
-                    f"robot {self.name}: pairs: {pair} is there twice; it would count "
-                    "twice in Eq. (26)"
-                )
-        if self.ground is not None:
-            if not math.isfinite(self.ground):
-                raise ModelError(
-                    f"robot {self.name}: ground: {self.ground} must be a height in "
-                    "metres"
-                )
-            if not any(GROUND in pair for pair in self.pairs):
-                raise ModelError(
-                    f"robot {self.name}: ground: {self.ground}, but no pair names "
-                    f"{GROUND!r}, so that nothing keeps above it; add pairs such as "
-                    f"[left_foot, {GROUND}]"
-                )
-        for name, fixture in self.environment.items():
-            fixture.validate(f"robot {self.name}: environment: {name}")
-            if not any(name in pair for pair in self.pairs):
-                raise ModelError(
-                    f"robot {self.name}: environment: {name}: no pair names it, so "
-                    f"that nothing keeps off it; add pairs such as [hand, {name}]"
+                yield f"pairs: {pair} must name two different links"
+            if self.pairs.count(pair) + self.pairs.count(pair[::-1]) > 1:
+                yield f"pairs: {pair} is there twice; it would count twice in Eq. (26)"
+        watched = {name for pair in self.pairs for name in pair}
+        if self.ground is not None and not math.isfinite(self.ground):
+            yield f"ground: {self.ground} must be a height in metres"
+        if self.ground is not None and GROUND not in watched:
+            yield (
+                f"ground: {self.ground}, but no pair names {GROUND!r}, so that nothing "
+                f"keeps above it; add pairs such as [left_foot, {GROUND}]"
+            )
+        for name in self.environment:
+            if name not in watched:
+                yield (
+                    f"environment: {name}: no pair names it, so that nothing keeps off "
+                    f"it; add pairs such as [hand, {name}]"
                 )
         for joint, source in self.prescribed_joints.items():
             if source not in PRESCRIBED_SOURCES:
-                raise ModelError(
-                    f"robot {self.name}: prescribed_joints: {joint}: {source!r} is "
-                    f"none of {', '.join(PRESCRIBED_SOURCES)}"
+                yield (
+                    f"prescribed_joints: {joint}: {source!r} is none of "
+                    f"{', '.join(PRESCRIBED_SOURCES)}"
                 )
         driven = [j for j, source in self.prescribed_joints.items() if source != "hold"]
         if self.root != "fixed" and driven:
-            raise ModelError(
-                f"robot {self.name}: prescribed_joints: {', '.join(driven)}: the root "
-                "floats, and its pose is given; say hold, or root: fixed"
+            yield (
+                f"prescribed_joints: {', '.join(driven)}: the root floats, and its "
+                "pose is given; say hold, or root: fixed"
             )
         for joint, limit in self.velocity_limits.items():
             if not is_speed_limit(limit):
-                raise ModelError(
-                    f"robot {self.name}: velocity_limits: {joint}: {limit} must be "
-                    "positive (.inf for no limit)"
+                yield (
+                    f"velocity_limits: {joint}: {limit} must be positive (.inf for no "
+                    "limit)"
                 )
-        check_soles(self.soles, f"robot {self.name}")
 
     def refuse_floating(self) -> None:
         """Raises ModelError if the base floats: the law moves joints alone."""

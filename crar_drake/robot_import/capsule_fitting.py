@@ -387,19 +387,10 @@ def _splits(points: np.ndarray, number: int):
         return
     centred = points - points.mean(axis=0)
     _, _, principal = np.linalg.svd(centred, full_matrices=False)
-
-    def slices(axis: np.ndarray, count: int) -> np.ndarray:
-        along = centred @ axis
-        edges = np.linspace(along.min(), along.max(), count + 1)[1:-1]
-        return np.searchsorted(edges, along)
-
     for axis in principal:
-        yield slices(axis, number)
-    # Across both shorter axes: bundles of parallel capsules, for boxes.
-    for columns in (2, 3):
-        if number % columns == 0 and number > columns:
-            rows = number // columns
-            yield slices(principal[1], columns) * rows + slices(principal[2], rows)
+        along = centred @ axis
+        edges = np.linspace(along.min(), along.max(), number + 1)[1:-1]
+        yield np.searchsorted(edges, along)
     _, labels = kmeans2(centred, number, minit="++", seed=0)
     yield labels
 

@@ -6,7 +6,8 @@ again and appended, with a comment.
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -104,54 +105,46 @@ class ImportChoices:
         Raises:
             ModelError: names the file, the key and what it may be.
         """
+        for mistake in self._mistakes():
+            raise ModelError(f"{where}: {mistake}")
+        check_soles(self.soles, where)
+
+    def _mistakes(self) -> Iterator[str]:
         if not self.source:
-            raise ModelError(f"{where}: source: name the robot's URDF, SDF or MJCF")
+            yield "source: name the robot's URDF, SDF or MJCF"
         if self.posture and not self.srdf:
-            raise ModelError(f"{where}: posture: there is no srdf that could have it")
-        for key, known in (
-            ("up", AXES),
-            ("facing", AXES),
-            ("up_axis", UP_AXES),
-            ("base", BASES),
-            ("lock", GROUPS),
-        ):
+            yield "posture: there is no srdf that could have it"
+        axes = {"up": AXES, "facing": AXES, "up_axis": UP_AXES}
+        for key, known in (axes | {"base": BASES, "lock": GROUPS}).items():
             given = getattr(self, key)
             for value in given if isinstance(given, list) else [given]:
                 if value is not None and value not in known:
-                    raise ModelError(
-                        f"{where}: {key}: {value!r} is none of {', '.join(known)}"
-                    )
+                    yield f"{key}: {value!r} is none of {', '.join(known)}"
         if self.facing is not None and self.facing[1] == (self.up or "+z")[1]:
-            raise ModelError(
-                f"{where}: facing: {self.facing} is along the axis that points up, "
+            yield (
+                f"facing: {self.facing} is along the axis that points up, "
                 f"{self.up or '+z'}; write another axis for one of them"
             )
         for key in ("locked", "rest_posture"):
             for joint, value in (getattr(self, key) or {}).items():
                 if not math.isfinite(value):
-                    raise ModelError(f"{where}: {key}: {joint}: {value} is not finite")
+                    yield f"{key}: {joint}: {value} is not finite"
         for point, frame in (self.frames or {}).items():
             if len(frame.point) != 3 or len(frame.rpy) != 3:
-                raise ModelError(
-                    f"{where}: frames: {point}: point and rpy must be three numbers"
-                )
+                yield f"frames: {point}: point and rpy must be three numbers"
         if self.ground is not None and not -math.inf <= self.ground < math.inf:
-            raise ModelError(
-                f"{where}: ground: {self.ground} must be a height in metres, or -.inf "
-                "for none"
+            yield (
+                f"ground: {self.ground} must be a height in metres, or -.inf for none"
             )
-        check_soles(self.soles, where)
         if not 0.002 <= self.excess <= 1.0:
-            raise ModelError(
-                f"{where}: excess: {self.excess} must be 0.002 to 1 m: how far a "
-                "capsule may stick out of its link"
+            yield (
+                f"excess: {self.excess} must be 0.002 to 1 m: how far a capsule may "
+                "stick out of its link"
             )
         if not 1 <= self.most_capsules <= 32:
-            raise ModelError(
-                f"{where}: most_capsules: {self.most_capsules} must be 1 to 32"
-            )
+            yield f"most_capsules: {self.most_capsules} must be 1 to 32"
         if self.faces < 4:
-            raise ModelError(f"{where}: faces: {self.faces} must be at least 4")
+            yield f"faces: {self.faces} must be at least 4"
 
 
 def load_choices(path: Path) -> ImportChoices:
@@ -176,11 +169,10 @@ def save_choices(path: Path, choices: ImportChoices, guessed: dict[str, str]) ->
     it as it is: keys that were guessed, and how."""
     text = path.read_text(encoding="utf-8") if path.is_file() else ""
     if not text:
-        text = _HEADER
-        given = ("source", "package_paths", "name", "srdf", "posture", "lock", "cover")
-        for key in (*given, *(() if "base" in guessed else ("base",))):
+        text, default = _HEADER, ImportChoices()
+        for key in (each.name for each in fields(choices)):
             value = getattr(choices, key)
-            if value or (key == "lock" and value is not None):
+            if key not in guessed and value != getattr(default, key):
                 text += "\n" + _block(key, value, "")
     elif not guessed:
         return
@@ -220,7 +212,7 @@ def _entries(value) -> list[str]:
             turned = f", rpy: {_numbers(entry.rpy)}" if any(entry.rpy) else ""
             lines.append(f"{name}: {{link: {entry.link}, point: {numbers}{turned}}}")
         elif isinstance(entry, list):
-            lines.append(f"{name}: [{', '.join(entry)}]")
+            lines.append(f"{name}: [{', '.join(map(str, entry))}]")
         else:
             lines.append(f"{name}: {_number(entry)}")
     return lines

@@ -228,7 +228,7 @@ class _Reader(SourceTree):
                 self.add_joint(self._joint(index, parent, child, X_PM))
                 parent, X = child, X_MB
         if not joints:
-            self._weld(parent, link, X_PB)
+            self.weld(parent, link, X_PB)
 
     def _joint(self, index: int, parent: str, child: str, X: RigidTransform) -> Joint:
         """A joint whose frame is at X where MuJoCo draws the body."""

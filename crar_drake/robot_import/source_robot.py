@@ -141,11 +141,6 @@ def poses_in(plant: MultibodyPlant, q: np.ndarray, links: Iterable[str]) -> Pose
     }
 
 
-def weld(name: str, parent: str, child: str, X_PC: RigidTransform) -> Joint:
-    """A joint that does not move."""
-    return Joint(name, "fixed", parent, child, X_PC)
-
-
 @dataclass(frozen=True)
 class Loop:
     """A closed chain: what ties two links together that joints are between."""

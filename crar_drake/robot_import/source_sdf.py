@@ -96,7 +96,7 @@ class _Reader(SourceTree):
         indices = [i for each in instances for i in plant.GetJointIndices(each)]
         joints = [*map(plant.get_joint, indices)]
         self._bodies = _unique_names(bodies, model)
-        self._taken |= set(self._bodies.values())
+        self.taken |= set(self._bodies.values())
         self._bodies[plant.world_body().index()] = WORLD
         names = _unique_names(joints, model)
         self.reserved = set(names.values())
@@ -119,7 +119,7 @@ class _Reader(SourceTree):
             X_WL = plant.GetDefaultFloatingBaseBodyPose(plant.get_body(index))
             upright, X_UL = self.stand(root, X_WL, mounted=False)
             if upright:
-                self._weld(upright, root, X_UL)
+                self.weld(upright, root, X_UL)
         robot = self.robot()
         loops = [self._loop(robot, *each) for each in loops]
         return self.finished(robot_name(model, self.path), loops)

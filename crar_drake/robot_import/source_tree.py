@@ -14,7 +14,6 @@ from crar_drake.robot_import.source_robot import (
     Link,
     Loop,
     SourceRobot,
-    weld,
 )
 
 _TINY = 1e-9  # [m]
@@ -27,7 +26,7 @@ class SourceTree:
         path: of the file.
         notes, warnings: as those of a `SourceRobot`.
         links, joints: by name.
-        reserved: names of joints that are still to come.
+        taken, reserved: names of links, and of joints, that are still to come.
     """
 
     def __init__(self, path: Path, notes: Sequence[str] = ()) -> None:
@@ -36,14 +35,13 @@ class SourceTree:
         self.warnings: list[str] = []
         self.links: dict[str, Link] = {}
         self.joints: dict[str, Joint] = {}
-        # Names that others do not get, of links (see `unique`), and of joints to come.
-        self._taken, self.reserved = {WORLD}, set[str]()
+        self.taken, self.reserved = {WORLD}, set[str]()
 
     def unique(self, name: str, more: str = "_") -> str:
         """A new link's name, which is made longer where there is such a link."""
-        while name in self._taken:
+        while name in self.taken:
             name += more
-        self._taken.add(name)
+        self.taken.add(name)
         return name
 
     def add_link(self, link: Link) -> None:
@@ -55,7 +53,7 @@ class SourceTree:
     def add_frame(self, link: str, name: str, more: str, X_LF: RigidTransform) -> None:
         """Adds a frame of a link: a link without geometry, of a `unique` name."""
         name = self.add_bare_link(name, more)
-        self._weld(link, name, X_LF)
+        self.weld(link, name, X_LF)
 
     def add_bare_link(self, name: str, more: str = "_") -> str:
         """Adds one without geometry; its `unique` name."""
@@ -82,7 +80,7 @@ class SourceTree:
             joint = replace(joint, X_PC=joint.X_PC @ X_MC, axis=axis)
         self.joints[joint.name] = joint
         if joint.child != child:
-            self._weld(joint.child, child, X_MC)
+            self.weld(joint.child, child, X_MC)
 
     def stand(
         self, link: str, X_WL: RigidTransform, mounted: bool
@@ -98,7 +96,7 @@ class SourceTree:
             return (WORLD, X_WL) if mounted else ("", RigidTransform())
         upright = self.add_bare_link(f"{link}_upright")
         if mounted:
-            self._weld(WORLD, upright, RigidTransform(X_WL.translation()))
+            self.weld(WORLD, upright, RigidTransform(X_WL.translation()))
         return upright, X_UL
 
     def note_foreign(self, names: Collection[str]) -> None:
@@ -140,11 +138,12 @@ class SourceTree:
             posture=dict(posture or {}),
         )
 
-    def _weld(self, parent: str, child: str, X_PC: RigidTransform) -> None:
+    def weld(self, parent: str, child: str, X_PC: RigidTransform) -> None:
+        """Adds a joint that does not move, which is called after the child."""
         name = f"{child}_weld"
         while name in self.joints or name in self.reserved:
             name += "_"
-        self.joints[name] = weld(name, parent, child, X_PC)
+        self.joints[name] = Joint(name, "fixed", parent, child, X_PC)
 
     def _checked_limits(self, joint: Joint) -> Joint:
         if not joint.moves:

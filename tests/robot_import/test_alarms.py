@@ -158,9 +158,8 @@ def test_the_rest_posture_counts_not_position_zero(tmp_path):
 
 
 def test_an_import_says_so(tmp_path):
-    write(tmp_path, robot(chain([0.1, 0.1])))
-    (tmp_path / "import.yaml").write_text("source: small.urdf\nmost_capsules: 1\n")
-    report = import_robot("", tmp_path)
+    urdf = write(tmp_path, robot(chain([0.1, 0.1])))
+    report = import_robot(urdf, tmp_path, most_capsules=1)
     assert any("no pair of links is watched" in said for said in report.warnings)
     text = (tmp_path / "report.txt").read_text()
     assert "WARNING: pairs: no pair of links is watched" in text
@@ -169,9 +168,6 @@ def test_an_import_says_so(tmp_path):
 def test_joints_that_slide_are_said_to(tmp_path):
     parts = [link("a", '<box size="0.1 0.1 0.1"/>'), link("b"), link("c")]
     parts += [joint("turn", "a", "b"), joint("slide", "b", "c", kind="prismatic")]
-    write(tmp_path, robot(parts))
-    (tmp_path / "import.yaml").write_text("source: small.urdf\nmost_capsules: 1\n")
-    (note,) = [
-        n for n in import_robot("", tmp_path).notes if "slide" in n and " m" in n
-    ]
+    report = import_robot(write(tmp_path, robot(parts)), tmp_path, most_capsules=1)
+    (note,) = [n for n in report.notes if "slide" in n and " m" in n]
     assert "slide (-1.5 to 1.5 m)" in note and "turn" not in note and "m/s" in note

@@ -5,7 +5,7 @@ import pytest
 from small_urdfs import humanoid, joint, link, robot, write
 
 from crar_drake.errors import ModelError
-from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.description import load_robot_description, robot_diagram
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, position_tasks
 from crar_drake.robot_import import import_robot
@@ -110,12 +110,18 @@ def test_side_of_names(a, b, side):
     assert side_of_names(a, b) == side
 
 
+def left_hand(folder) -> np.ndarray:
+    """Where it is in the world, with all joints at zero."""
+    _, plant, _ = robot_diagram(load_robot_description(folder))
+    context = plant.CreateDefaultContext()
+    return plant.GetBodyByName("left_arm_hand").EvalPoseInWorld(context).translation()
+
+
 def test_the_imported_robot_looks_along_x(tmp_path):
     """Its left hand is at +y, and `facing` in the file overrides the guess."""
-    write(tmp_path, looking("-x", humanoid()))
+    urdf = write(tmp_path, looking("-x", humanoid()))
     file = tmp_path / "import.yaml"
-    file.write_text("source: small.urdf\nmost_capsules: 1\n")
-    report = import_robot("", tmp_path)
+    report = import_robot(urdf, tmp_path, most_capsules=1)
     assert report.choices.facing == "-x" and "facing: -x" in file.read_text()
     assert any("turned to face +x" in note for note in report.notes)
     tasks = position_tasks(EXPERIMENTS["upper-body"])
@@ -130,35 +136,20 @@ def test_the_imported_robot_looks_along_x(tmp_path):
     elbow, hand = p_W("left_arm_fore"), p_W("left_arm_hand")
     assert elbow[1] > 0.15
     assert hand[0] > elbow[0] + 0.1  # the elbow bends forward
-    file.write_text("source: small.urdf\nmost_capsules: 1\nfacing: +x\nbase: fixed\n")
-    import_robot("", tmp_path)
-    plant = model.FromDescription(
-        load_robot_description(tmp_path), position_tasks(["left_wrist"])
-    ).plant
-    context = plant.CreateDefaultContext()
-    left = plant.GetBodyByName("left_arm_hand").EvalPoseInWorld(context).translation()
-    assert left[1] < -0.15
+    out = tmp_path / "against"
+    import_robot(urdf, out, most_capsules=1, facing="+x", base="fixed", pairs=[])
+    assert left_hand(out)[1] < -0.15
 
 
 def test_a_fixed_base_is_turned_too(tmp_path):
-    write(tmp_path, looking("+y", humanoid()))
-    choices = "source: small.urdf\nmost_capsules: 1\nbase: fixed\npairs: []\n"
-    (tmp_path / "import.yaml").write_text(choices)
-    import_robot("", tmp_path)
-    description = load_robot_description(tmp_path)
-    plant = ControlModel.FromDescription(
-        description, position_tasks(["left_wrist"])
-    ).plant
-    context = plant.CreateDefaultContext()
-    left = plant.GetBodyByName("left_arm_hand").EvalPoseInWorld(context).translation()
-    np.testing.assert_allclose(left[:2], [0.0, 0.2], atol=1e-6)
+    urdf = write(tmp_path, looking("+y", humanoid()))
+    import_robot(urdf, tmp_path, most_capsules=1, base="fixed", pairs=[])
+    np.testing.assert_allclose(left_hand(tmp_path)[:2], [0.0, 0.2], atol=1e-6)
 
 
 def test_refused(tmp_path):
-    write(tmp_path, humanoid())
-    (tmp_path / "import.yaml").write_text("source: small.urdf\nfacing: north\n")
     with pytest.raises(ModelError, match="facing: 'north' is none of"):
-        import_robot("", tmp_path)
+        import_robot(write(tmp_path, humanoid()), tmp_path, facing="north")
 
 
 @pytest.mark.parametrize(

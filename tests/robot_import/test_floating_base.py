@@ -24,12 +24,8 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def imported(folder):
-    out = folder / "out"
-    out.mkdir()
-    (out / "import.yaml").write_text(
-        "source: ../small.urdf\nmost_capsules: 1\nlock: []\npairs: []\n"
-    )
-    return import_robot("", out)
+    urdf, out = folder / "small.urdf", folder / "out"
+    return import_robot(urdf, out, most_capsules=1, lock=[], pairs=[])
 
 
 def test_it_floats_at_its_standing_height(imported):
@@ -55,11 +51,9 @@ def test_it_floats_at_its_standing_height(imported):
 
 
 def test_facing_turns_the_root_at_rest(folder, tmp_path):
-    (tmp_path / "import.yaml").write_text(
-        f"source: {folder}/small.urdf\nmost_capsules: 1\nfacing: -x\nbase: floating\n"
-        "pairs: []\nframes: {}\nrest_posture: {waist_z: 1.0}\n"
-    )
-    import_robot("", tmp_path)
+    choices = {"facing": "-x", "base": "floating", "pairs": [], "frames": {}}
+    choices |= {"most_capsules": 1, "rest_posture": {"waist_z": 1.0}}
+    import_robot(folder / "small.urdf", tmp_path, **choices)
     pose = load_robot_description(tmp_path).root_pose
     np.testing.assert_allclose(pose.xyz, [0.0, 0.0, 1.0], atol=1e-6)
     np.testing.assert_allclose(np.abs(pose.rpy), [0.0, 0.0, np.pi], atol=1e-6)
@@ -67,13 +61,9 @@ def test_facing_turns_the_root_at_rest(folder, tmp_path):
 
 def test_without_legs_or_with_a_key_it_does_not_float(tmp_path):
     short = tmp_path / "short"
-    write(short, humanoid())
-    (short / "import.yaml").write_text(
-        "source: small.urdf\nmost_capsules: 1\nlock: []\npairs: []\n"
-        "locked: {left_arm_finger_1: 0.0, left_arm_finger_2: 0.0, "
-        "right_arm_finger_1: 0.0, right_arm_finger_2: 0.0}\n"
-    )
-    assert import_robot("", short).choices.base == "prescribed"
+    urdf = write(short, humanoid())
+    report = import_robot(urdf, short, most_capsules=1, lock=[], pairs=[])
+    assert report.choices.base == "prescribed"
     # What the file says is kept, and an option does not change it.
     with pytest.raises(ModelError, match="write base: floating into it"):
         file = short / "import.yaml"

@@ -184,10 +184,8 @@ def test_a_root_named_world_is_the_world(tmp_path, declared):
             link(f"l{i}", '<capsule radius="0.03" length="0.1"/>', "0 0 0.1"),
             joint(f"j{i}", below, f"l{i}", "0 1 0", "0 0 0.2"),
         ]
-    write(tmp_path, robot(parts))
-    file = tmp_path / "import.yaml"
-    file.write_text("source: small.urdf\nmost_capsules: 1\n")
-    import_robot("", tmp_path)
+    urdf = write(tmp_path, robot(parts))
+    import_robot(urdf, tmp_path, most_capsules=1)
     description = load_robot_description(tmp_path)
     model = ControlModel.FromDescription(description, position_tasks(["l2"]))
     source = Parser(plant := MultibodyPlant(0.0))
@@ -197,9 +195,8 @@ def test_a_root_named_world_is_the_world(tmp_path, declared):
     assert model.plant.CalcTotalMass(
         model.plant.CreateDefaultContext()
     ) == pytest.approx(plant.CalcTotalMass(plant.CreateDefaultContext()))
-    file.write_text("source: small.urdf\nbase: prescribed\n")
     with pytest.raises(ModelError, match="'world', which cannot move; write fixed"):
-        import_robot("", tmp_path)
+        import_robot(urdf, tmp_path / "moved", base="prescribed")
 
 
 def two_joints(extra: str = "", **options) -> str:
@@ -313,10 +310,8 @@ def test_two_arms_on_a_fixed_base(tmp_path, root):
     if root == "world":
         weld = joint("weld", "world", "pelvis", xyz="0 0 3", kind="fixed")
         text = text.replace("</robot>", link("world", mass=0.0) + weld + "</robot>")
-    write(tmp_path, text)
-    file = tmp_path / "import.yaml"
-    file.write_text("source: small.urdf\nmost_capsules: 1\nbase: fixed\npairs: []\n")
-    report = import_robot("", tmp_path)
+    urdf, file = write(tmp_path, text), tmp_path / "import.yaml"
+    report = import_robot(urdf, tmp_path, most_capsules=1, base="fixed", pairs=[])
     assert report.choices.rest_posture["waist_z"] == pytest.approx(0.8)
     again = file.read_text()
     import_robot("", tmp_path)
@@ -332,10 +327,7 @@ def test_a_humanoid_on_a_root_named_world_moves(tmp_path):
     """As orcabot's: the link is left out, and the motion drives the robot."""
     weld = joint("weld", "world", "pelvis", kind="fixed")
     text = humanoid().replace("</robot>", link("world", mass=0.0) + weld + "</robot>")
-    write(tmp_path, text)
-    file = tmp_path / "import.yaml"
-    file.write_text("source: small.urdf\nmost_capsules: 1\npairs: []\n")
-    report = import_robot("", tmp_path)
+    report = import_robot(write(tmp_path, text), tmp_path, most_capsules=1, pairs=[])
     assert report.choices.base == "prescribed"
     assert report.choices.frames["waist"].link == "pelvis"
     assert any("'world' is left out" in note for note in report.notes)
@@ -353,11 +345,8 @@ def test_arms_and_legs_are_clear_of_each_other_at_rest(tmp_path):
     rolls = {}
     for name, text in (("thin", thin), ("thick", thick)):
         folder = tmp_path / name
-        write(folder, text)
-        (folder / "import.yaml").write_text(
-            "source: small.urdf\nmost_capsules: 1\nlock: [hands]\n"
-        )
-        report = import_robot("", folder)
+        urdf = write(folder, text)
+        report = import_robot(urdf, folder, most_capsules=1, lock=["hands"])
         rest, pairs = report.choices.rest_posture, report.choices.pairs
         assert "knees bent" in report.guessed["rest_posture"]
         rolls[name] = rest.get("left_roll_joint", 0.0)

@@ -220,11 +220,9 @@ def test_an_import_has_its_shapes_where_drake_has_the_gltf(tmp_path):
     path = write_gltf(tmp_path / "a.gltf", content, buffer)
     mesh = f'<mesh filename="{path.name}" scale="0.02 0.03 0.04"/>'
     text = robot([link("a", mesh), link("b", mesh), joint("j", "a", "b", xyz="0 0 1")])
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "import.yaml").write_text(
-        f"source: {write(tmp_path, text)}\nbase: fixed\npairs: []\nfacing: +x\n"
-    )
-    report = import_robot("", tmp_path / "out")
+    urdf = write(tmp_path, text)
+    choices = {"base": "fixed", "pairs": [], "facing": "+x"}
+    report = import_robot(urdf, tmp_path / "out", **choices)
     expected = hull_of_drake(path, (0.02, 0.03, 0.04))
     for capsule_of in ("a", "b"):
         fit = report.fits[capsule_of]

@@ -221,9 +221,6 @@ def test_an_arm_with_one_joint_locked_by_hand(tmp_path, index):
               for j in ("hip", "arm_finger_1", "arm_finger_2")]  # fmt: skip
     at = dict.fromkeys([*others, "neck_joint", f"left_arm_{index}"], 0.0)
     at[f"left_arm_{index}"] = -0.3
-    lines = [f"source: {path}", "locked:", *(f"  {n}: {q}" for n, q in at.items())]
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "import.yaml").write_text("\n".join(lines) + "\n")
-    report = import_robot("", tmp_path / "out")
+    report = import_robot(path, tmp_path / "out", locked=at)
     assert {"left_wrist", "right_wrist"} <= set(report.choices.frames)
     assert f"left_arm_{index}" not in report.choices.rest_posture

@@ -265,13 +265,10 @@ def test_a_joint_that_follows_another_mimics_it(tmp_path):
     assert (joint.mimic, joint.multiplier, joint.offset) == ("a_joint", -2.0, 0.1)
 
 
-def import_small(tmp_path, text: str, choices: str = ""):
+def import_small(tmp_path, text: str, name: str = "out", **choices):
     """Imports the text with one capsule a link."""
-    write(tmp_path, text, "small.xml")
-    (tmp_path / "import.yaml").write_text(
-        f"source: small.xml\nmost_capsules: 1\n{choices}"
-    )
-    return import_robot("", tmp_path)
+    path = write(tmp_path, text, "small.xml")
+    return import_robot(path, tmp_path / name, most_capsules=1, **choices)
 
 
 LOOP = '<equality><connect name="rod" body1="b" body2="c" anchor="0 0 0"/></equality>'
@@ -329,8 +326,9 @@ def test_a_file_that_lacks_what_its_scene_has_names_the_scene(tmp_path):
 def test_a_closed_chain_has_to_be_locked(tmp_path):
     text = mjcf(body("a", body("b") + body("c")), LOOP)
     with pytest.raises(ModelError, match="'rod' closes a chain.*b_joint, c_joint"):
-        import_small(tmp_path, text, "locked: {}\n")
-    report = import_small(tmp_path, text, "locked: {b_joint: 0.0, c_joint: 0.0}\n")
+        import_small(tmp_path, text, locked={})
+    locked = {"b_joint": 0.0, "c_joint": 0.0}
+    report = import_small(tmp_path, text, "locked", locked=locked)
     assert report.choices.base == "fixed"
 
 
@@ -347,7 +345,7 @@ def test_what_is_left_out_is_said(tmp_path):
         assert said in notes
     assert set(report.choices.locked) == {"ball"}
     with pytest.raises(ModelError, match="'ball' is ball.*add it to locked"):
-        import_small(tmp_path, mjcf(bodies, more), "locked: {}\n")
+        import_small(tmp_path, mjcf(bodies, more), "none", locked={})
 
 
 def test_its_name(tmp_path):

@@ -289,10 +289,9 @@ def test_joints_of_other_kinds_have_to_be_locked(tmp_path):
     kinds = ("revolute", "screw", "revolute", "ball", "revolute")
     for kind, parent, child in zip(kinds, "abcde", "bcdef", strict=True):
         chain.append(joint(f"{kind}_{child}", parent, child, kind))
-    write(tmp_path, sdf(model(*chain)), "small.sdf")
-    (tmp_path / "import.yaml").write_text("source: small.sdf\nlocked: {}\n")
+    path = write(tmp_path, sdf(model(*chain)), "small.sdf")
     with pytest.raises(ModelError, match="'screw_c' is screw.*add it to locked"):
-        import_robot("", tmp_path)
+        import_robot(path, tmp_path / "out", locked={})
 
 
 def test_a_file_that_says_nothing_is_named_after_its_model(tmp_path):

@@ -49,11 +49,8 @@ def gap(report, heights: dict[str, float]) -> float:
 
 def test_capsules_that_meet_where_meshes_are_apart_are_fitted_closer(tmp_path):
     """Faces 40 mm apart, which 20 mm of each plate's capsules fill."""
-    (tmp_path / "out").mkdir()
-    source = plates(tmp_path, 0.06)
-    text = f"source: {source}\nbase: fixed\nfacing: +x\nmost_capsules: 32\n"
-    (tmp_path / "out" / "import.yaml").write_text(text)
-    report = import_robot("", tmp_path / "out")
+    choices = {"base": "fixed", "facing": "+x", "most_capsules": 32}
+    report = import_robot(plates(tmp_path, 0.06), tmp_path / "out", **choices)
     assert report.choices.pairs == [["lower", "upper"]]
     assert gap(report, {"lower": 0.0, "upper": 0.06}) >= 5e-3
     excess = {name: report.fits[name].excess for name in ("lower", "upper")}
@@ -66,10 +63,8 @@ def test_capsules_that_meet_where_meshes_are_apart_are_fitted_closer(tmp_path):
 
 def test_what_is_built_closely_is_left_as_it_is(tmp_path):
     """Faces that are 2 mm apart: no fit would part them."""
-    (tmp_path / "out").mkdir()
-    text = f"source: {plates(tmp_path, 0.022)}\nbase: fixed\nfacing: +x\n"
-    (tmp_path / "out" / "import.yaml").write_text(text)
-    report = import_robot("", tmp_path / "out")
+    source, out = plates(tmp_path, 0.022), tmp_path / "out"
+    report = import_robot(source, out, base="fixed", facing="+x")
     assert not any("fitted more closely" in note for note in report.notes)
     assert report.choices.pairs == []
 
@@ -198,9 +193,7 @@ def test_the_list_of_pairs_is_its_own_image(tmp_path):
     text = humanoid_with_legs()
     old = '<cylinder radius="0.05" length="0.66"/>'
     text = text.replace(old, '<mesh filename="thin.obj"/>', 1)
-    write(tmp_path, text)
-    (tmp_path / "import.yaml").write_text("source: small.urdf\nlock: []\n")
-    report = import_robot("", tmp_path)
+    report = import_robot(write(tmp_path, text), tmp_path, lock=[])
     assert len(report.choices.pairs) > 30
     assert without_image(report.choices.pairs) == []
     # One forearm and hand with the other's, whatever was found.
@@ -233,9 +226,7 @@ def test_arms_that_hardly_reach_each_other(tmp_path):
                 joint(f"{side}_joint_{index}", below, name, axis, xyz),
             ]
             below, xyz = name, "0 0 -0.08"
-    (tmp_path / "import.yaml").write_text("source: small.urdf\nbase: fixed\n")
-    write(tmp_path, robot(parts))
-    report = import_robot("", tmp_path)
+    report = import_robot(write(tmp_path, robot(parts)), tmp_path, base="fixed")
     watched = {frozenset(pair) for pair in report.choices.pairs}
     for a, b in itertools.product((3, 4), repeat=2):
         assert frozenset((f"left_{a}", f"right_{b}")) in watched

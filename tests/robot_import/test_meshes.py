@@ -11,7 +11,6 @@ from crar_drake.errors import ModelError
 from crar_drake.robot_import.meshes import (
     Part,
     convex_hulls,
-    dae_up_axis,
     guess_up_axis,
     link_parts,
     read_obj,
@@ -35,30 +34,6 @@ def long_box(path, up: str, size=(0.1, 0.2, 0.6)):
     text = path.read_text()
     assert "<up_axis>Y_UP</up_axis>" in text
     path.write_text(text.replace("<up_axis>Y_UP</up_axis>", up))
-
-
-@pytest.mark.parametrize(
-    "up, axis, far",
-    [
-        ("<up_axis>Y_UP</up_axis>", "y", [0.1, -0.6, 0.2]),
-        ("<up_axis> X_UP</up_axis>", "x", [-0.2, -0.6, 0.1]),
-        ("<up_axis>Z_UP</up_axis>", "z", [0.1, 0.2, 0.6]),
-        ("", "y", [0.1, -0.6, 0.2]),  # as COLLADA has it
-    ],
-)
-def test_what_a_collada_file_calls_up(tmp_path, up, axis, far):
-    path = tmp_path / "box.dae"
-    long_box(path, up)
-    assert dae_up_axis(path) == axis
-    shape = Shape(RigidTransform(), Mesh(str(path)))
-    for reading, corner in (("file", far), ("z", [0.1, 0.2, 0.6])):
-        (part,) = link_parts(Link("l", (shape,), (), None), reading)
-        reach = np.array(corner)
-        there = np.where(
-            reach > 0, part.vertices.max(axis=0), part.vertices.min(axis=0)
-        )
-        np.testing.assert_allclose(there, reach, atol=1e-9)
-        assert trimesh.Trimesh(part.vertices, part.faces).volume > 0.0
 
 
 @pytest.mark.parametrize("way, reading", [("0 0 0.6", "z"), ("0 -0.6 0", "file")])

@@ -16,13 +16,11 @@ from pydrake.geometry import (
     SceneGraphInspector,
     Sphere,
 )
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.results.marks import OBSTACLE
 from crar_drake.robot.collision_pairs import WatchedPairs
-from crar_drake.robot.description import RobotDescription, add_robot, find_body
+from crar_drake.robot.description import RobotDescription, find_body, robot_diagram
 from crar_drake.simulation.visuals import draw_collision_shapes, models_without_visuals
 
 # What is welded to the world is in the view if it is not larger than this [m].
@@ -73,15 +71,11 @@ class DrawnRobot:
             ModelError: the robot's model cannot be loaded.
         """
         self.description, self.prefix = description, prefix
-        builder = DiagramBuilder()
-        self.plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-        add_robot(self.plant, description)
-        self.plant.Finalize()
+        self._diagram, self.plant, scene_graph = robot_diagram(description)
         inspector = scene_graph.model_inspector()
         self.unseen = models_without_visuals(self.plant, inspector)
         draw_collision_shapes(self.plant, scene_graph)
         self.scene_graph = scene_graph
-        self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
         self._plant_context = self.plant.GetMyMutableContextFromRoot(self._context)
         self._pairs = WatchedPairs(
@@ -160,9 +154,9 @@ class DrawnRobot:
             self.scene_graph.GetMyContextFromRoot(self._context)
         )
         rows = np.empty((len(order), 8))
-        for row, pair, answers in zip(
-            rows, order, self._pairs.ask_pairs(query, order), strict=True
-        ):
+        for row, pair in zip(rows, order, strict=True):
+            shapes = np.unique(self._pairs.shape_pairs[pair])
+            answers = self._pairs.ask(query, shapes.tolist())
             d, normal, p_a = np.split(answers[np.argmin(answers[:, 0])], [1, 4])
             row[:] = pair, distances[pair], *p_a, *(p_a - d * normal)
         return rows

@@ -9,6 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot_import.capsule_fitting import Capsules, FittedCapsule
 from crar_drake.robot_import.meshes import Looks, triangles_of
+from crar_drake.robot_import.source_robot import poses_in
 
 # Name of a view -> the world's axes to the right, up and towards the viewer.
 _VIEWS = {
@@ -37,10 +38,7 @@ def draw_robot(
     axes = figure.subplots(1, 4)
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, rest)
-    poses = {
-        name: plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
-        for name in looks
-    }
+    poses = poses_in(plant, rest, looks)
     parts = [part.moved(poses[name]) for name in looks for part in looks[name]]
     vertices, faces = triangles_of(parts)
     triangles = vertices[faces]

@@ -8,11 +8,13 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from small_robots import add_plant, chain_urdf
+from standing_robots import CORNERS
 
 from crar_drake.errors import ModelError
 from crar_drake.robot import description as robot_description
 from crar_drake.robot.description import (
     RobotDescription,
+    RootPose,
     find_body,
     find_frame,
     find_joint,
@@ -186,10 +188,37 @@ def test_default_description_is_valid():
     RobotDescription().validate()
 
 
-@pytest.mark.parametrize("again", [["a", "b"], ["b", "a"]])
-def test_a_pair_twice_is_refused(again):
-    with pytest.raises(ModelError, match="twice"):
-        RobotDescription(pairs=[["a", "b"], again]).validate()
+BAD_SOLES = [
+    ([[0.1, 0.0, 0.0], [0.0, 0.1, 0.0]], "at least three corners"),
+    ([[0.1, 0.0], [0.0, 0.1], [0.0, 0.0]], "three numbers each"),
+    ([[0.1, 0.0, 0.0], [0.0, np.nan, 0.0], [0.0, 0.0, 0.0]], "finite"),
+    ([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.3, 0.0, 0.0]], "on one line"),
+    ([[x, y, 0.03 * (x > 0) * (y > 0)] for x, y in CORNERS], "off a plane"),
+]
+ABOVE = [["a", "ground"]]
+NO_PAIR = r"ground: 0.0, but no pair names 'ground'.*\[left_foot"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"root": "loose", "base": "body"}, "root: 'loose' is none of fixed, presc"),
+        ({"root": "prescribed"}, "needs the name of the link that floats"),
+        ({"root_pose": RootPose(xyz=[0.0, np.nan, 1.0])}, "root_pose.xyz"),
+        ({"root_pose": RootPose(rpy=[0.0])}, "root_pose.rpy"),
+        ({"pairs": [["a", "b"], ["a", "b"]]}, "twice"),
+        ({"pairs": [["a", "b"], ["b", "a"]]}, "twice"),
+        (
+            {"ground": np.nan, "pairs": [["a", "ground"]]},
+            "ground: nan must be a height",
+        ),
+        ({"ground": 0.0, "pairs": [["a", "b"]]}, NO_PAIR),
+        *(({"soles": {"foot": x}}, f"soles: foot: .*{told}") for x, told in BAD_SOLES),
+    ],
+)
+def test_descriptions_that_cannot_be(changes, message):
+    with pytest.raises(ModelError, match=f"robot a: .*{message}"):
+        RobotDescription(name="a", **changes).validate()
 
 
 def test_reference_motions_find_the_whole_body_by_the_robots_name(

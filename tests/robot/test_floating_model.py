@@ -30,7 +30,6 @@ from crar_drake.law.control_law import ControlLaw
 from crar_drake.law.safety_filter import SafetyFilter
 from crar_drake.robot.description import (
     RobotDescription,
-    RootPose,
     load_robot_description,
 )
 from crar_drake.robot.model import ControlModel
@@ -163,20 +162,6 @@ def test_a_base_that_floats_needs_a_word_on_what_moves_it() -> None:
             description("prescribed"),
             [Task(frame="left_hand")],
         )
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"root": "loose", "base": "body"}, "root: 'loose' is none of fixed, presc"),
-        ({"root": "prescribed"}, "needs the name of the link that floats"),
-        ({"root_pose": RootPose(xyz=[0.0, np.nan, 1.0])}, "root_pose.xyz"),
-        ({"root_pose": RootPose(rpy=[0.0])}, "root_pose.rpy"),
-    ],
-)
-def test_descriptions_that_cannot_be(changes, message) -> None:
-    with pytest.raises(ModelError, match=message):
-        RobotDescription(**changes).validate()
 
 
 def test_a_fixed_root_is_welded_where_it_rests(tmp_path) -> None:

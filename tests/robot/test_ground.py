@@ -16,7 +16,6 @@ from crar_drake.errors import ModelError
 from crar_drake.judging.referee import Referee
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import (
-    RobotDescription,
     add_robot,
     load_robot_description,
 )
@@ -125,14 +124,6 @@ def test_a_description_brings_the_ground() -> None:
     plant.AddRigidBody("ground", plant.AddModelInstance("park"))
     with pytest.raises(ModelError, match="there is a link 'ground' already; leave"):
         add_robot(plant, described)
-
-
-def test_bad_grounds_are_refused() -> None:
-    """What the YAML says, and what a plant has."""
-    with pytest.raises(ModelError, match=r"ground: nan must be a height"):
-        RobotDescription(ground=np.nan, pairs=[["a", "ground"]]).validate()
-    with pytest.raises(ModelError, match=r"no pair names 'ground'.*\[left_foot"):
-        RobotDescription(ground=0.0, pairs=[["a", "b"]]).validate()
 
 
 def test_a_cylinder_stands_on_a_slope_by_the_hull_about_it() -> None:

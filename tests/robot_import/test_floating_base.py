@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from small_urdfs import humanoid, humanoid_with_legs, write
 
-from crar_drake.commands import main
 from crar_drake.errors import ModelError
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
@@ -69,8 +68,3 @@ def test_without_legs_or_with_a_key_it_does_not_float(tmp_path):
         file = short / "import.yaml"
         assert "base: prescribed" in file.read_text()
         import_robot("", short, base="floating")
-
-
-def test_a_shipped_robot_keeps_its_base(robot_data, capsys):
-    assert main(["import-robot", "g1_whole_body", "--base", "fixed"]) == 2
-    assert "comes with its base" in capsys.readouterr().err

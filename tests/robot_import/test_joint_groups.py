@@ -155,8 +155,17 @@ def test_a_group_that_is_none(tmp_path, capsys):
     assert not out.exists()
 
 
-def test_a_shipped_robot_has_its_own(robot_data, tmp_path, capsys):
+@pytest.mark.parametrize(
+    "robot, options, told",
+    [
+        ("g1", ["--whole-body"], "g1_29dof_rev_1_0"),
+        ("g1_whole_body", ["--base", "fixed"], "comes with its base"),
+    ],
+)
+def test_a_shipped_robot_has_its_own(
+    robot_data, tmp_path, capsys, robot, options, told
+):
     out = tmp_path / "out"
-    assert main(["import-robot", "g1", "--out", str(out), "--whole-body"]) == 2
-    assert "g1_29dof_rev_1_0" in capsys.readouterr().err
+    assert main(["import-robot", robot, "--out", str(out), *options]) == 2
+    assert told in capsys.readouterr().err
     assert not out.exists()

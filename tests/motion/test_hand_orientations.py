@@ -1,8 +1,7 @@
-"""How the hands are turned: by hand, by SciPy's rotations, and by real markers."""
+"""How the hands are turned: by hand, and by SciPy's rotations."""
 
 import dataclasses
 
-import ezc3d
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -107,24 +106,3 @@ def test_refused_filters():
     spin = turning(3.1, 200).as_matrix()
     with pytest.raises(MotionError, match="left_hand turns so fast"):
         smooth_hands(dataclasses.replace(dancer, hands={"left_hand": spin}), 1.0)
-
-
-@pytest.mark.parametrize("hand", HANDS)
-def test_thumb_sides_are_those_of_the_markers(cmu, hand):
-    """Markers WRA and WRB sit at the thumb's and the other side of the wrist."""
-    folder = cmu / "subjects" / "135"
-    R_WH = load_performer("cmu:135_02").hands[hand]
-    c3d = ezc3d.c3d(str(folder / "135_02.c3d"))
-    labels = [
-        label.rpartition(":")[2]
-        for label in c3d["parameters"]["POINT"]["LABELS"]["value"]
-    ]
-    data = np.moveaxis(c3d["data"]["points"][:3], 0, -1)
-    data[np.all(data == 0.0, axis=-1)] = np.nan
-    s = hand[0].upper()
-    across = data[labels.index(f"{s}WRA")] - data[labels.index(f"{s}WRB")]
-    thumb = np.einsum("tji,tj->ti", R_WH, across)
-    thumb /= np.linalg.norm(thumb, axis=1, keepdims=True)
-    angle = np.degrees(np.arccos(np.clip(thumb[:, 2], -1.0, 1.0)))
-    assert np.nanpercentile(angle, 95) < 40.0
-    assert np.nanmedian(angle) < 20.0

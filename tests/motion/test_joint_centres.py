@@ -196,6 +196,18 @@ def test_forearms_point_along_their_markers(person, markers, side) -> None:
     assert np.nanpercentile(angle, 95) < 13.0
 
 
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_thumb_sides_are_those_of_the_markers(person, markers, side) -> None:
+    """Markers WRA and WRB sit at the thumb's and the other side of the wrist."""
+    s = side[0].upper()
+    across = markers[f"{s}WRA"] - markers[f"{s}WRB"]
+    thumb = np.einsum("tji,tj->ti", person.hands[f"{side}_hand"], across)
+    thumb /= np.linalg.norm(thumb, axis=1, keepdims=True)
+    angle = np.degrees(np.arccos(np.clip(thumb[:, 2], -1.0, 1.0)))
+    assert np.nanpercentile(angle, 95) < 40.0
+    assert np.nanmedian(angle) < 20.0
+
+
 @pytest.mark.parametrize("side", ["L", "R"])
 def test_ankles_agree_to_millimetres(karate, markers, side) -> None:
     """The legs are fitted tightly: scale, axes and timing are all proved here."""

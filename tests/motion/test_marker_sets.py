@@ -5,11 +5,11 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 import pytest
+from performed import performed
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.catalogue import load_clip, load_performer
+from crar_drake.motion.catalogue import load_clip
 from crar_drake.motion.gaps import fill_gaps
-from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
 
@@ -61,10 +61,6 @@ def write(path: Path, points: dict[str, np.ndarray], unit: str = "mm") -> str:
     c3d["data"]["points"] = data
     c3d.write(str(path))
     return str(path)
-
-
-def performed(path: str, **options) -> Performer:
-    return load_performer(path, MotionOptions(**options))
 
 
 def test_centres_are_those_of_the_regressions(tmp_path) -> None:

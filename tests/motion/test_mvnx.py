@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from performed import performed
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.catalogue import load_performer
-from crar_drake.motion.options import MotionOptions
-from crar_drake.motion.performer import JOINTS, Performer
+from crar_drake.motion.performer import JOINTS
 
 T, RATE = 30, 60.0
 # Segment: the one it hangs on, and where it begins in that, in a T-pose [m].
@@ -60,10 +59,6 @@ def mvnx(frames=None, namespace=' xmlns="http://www.xsens.com/mvn/mvnx"') -> str
         lines.append(f"<position>{p}</position><velocity>0 0</velocity></frame>")
     lines.append("</frames></subject></mvnx>")
     return "\n".join(lines)
-
-
-def performed(path: Path, **options) -> Performer:
-    return load_performer(str(path), MotionOptions(**options))
 
 
 @pytest.mark.parametrize("namespace", [' xmlns="http://www.xsens.com/mvn/mvnx"', ""])

@@ -1,15 +1,14 @@
 """Joint positions of body models and pose estimators, and files of them."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
+from performed import performed
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.catalogue import load_clip, load_performer
+from crar_drake.motion.catalogue import load_clip
 from crar_drake.motion.formats.point_arrays import read_point_arrays
-from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.orientations import hip_turns, smooth_hands
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
@@ -39,10 +38,6 @@ def points_of(truth: Performer, names: tuple[str, ...]) -> np.ndarray:
         p |= {f"{side}_foot": toe, f"{side}_ear": p["head"]}
     p["nose"] = p["head"]
     return np.stack([p.get(name, p["neck"]) for name in names], axis=1)
-
-
-def performed(path: Path, **options) -> Performer:
-    return load_performer(str(path), MotionOptions(**options))
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

@@ -2,16 +2,14 @@
 
 import pickle
 from collections import defaultdict
-from pathlib import Path
 
 import numpy as np
 import pytest
+from performed import performed
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.catalogue import load_performer
-from crar_drake.motion.options import MotionOptions
-from crar_drake.motion.performer import JOINTS, Performer
+from crar_drake.motion.performer import JOINTS
 from crar_drake.motion.robots_own import holds_reference
 from crar_drake.motion.smpl_skeleton import MEAN_OFFSETS, NAMES, PARENTS
 
@@ -56,10 +54,6 @@ def bvh_text(turns: np.ndarray, root: np.ndarray, offsets: np.ndarray) -> str:
         angles = Rotation.from_rotvec(turn[order]).as_euler("ZXY", degrees=True)
         lines.append(" ".join(f"{x:.9f}" for x in [*p, *angles.ravel()]))
     return "\n".join(lines) + "\n"
-
-
-def performed(path: Path, **options) -> Performer:
-    return load_performer(str(path), MotionOptions(**options))
 
 
 def arrays(z_up: bool = True, columns: int = 156) -> dict[str, np.ndarray]:

@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from performed import performed
 from test_marker_sets import RATE, markers, write
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.catalogue import load_clip, load_performer
-from crar_drake.motion.options import MotionOptions
-from crar_drake.motion.performer import Performer
+from crar_drake.motion.catalogue import load_clip
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
 
 # As Pose2Sim names them; a body's own joints.
@@ -36,10 +35,6 @@ def trc_text(points: dict[str, np.ndarray], unit: str = "mm", newline="\n") -> s
         cells = ["" if np.isnan(x) else f"{x:.6f}" for x in row]
         lines.append("\t".join([str(k + 1), f"{k / RATE:.3f}", *cells]))
     return newline.join(lines) + newline
-
-
-def performed(path: Path, **options) -> Performer:
-    return load_performer(str(path), MotionOptions(**options))
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r\r\n"])

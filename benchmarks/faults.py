@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pydrake.multibody.tree import JacobianWrtVariable
 
+from benchmarks.fault_cases import Fault, Judged, Moment, find_moment
 from benchmarks.filter_faults import filter_table, run_filter_faults
 from benchmarks.options import (
     add_preview_option,
@@ -27,49 +27,14 @@ from crar_drake.judging.referee import Referee
 from crar_drake.law.parameters import LookaheadParameters, with_constraints
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.run import FAILURES, RunResult, run_scenario
-from crar_drake.simulation.disturbances import Disturbances, Push, TargetJump
+from crar_drake.simulation.disturbances import Disturbances, TargetJump
 from crar_drake.simulation.scenario import Scenario
 
 # How long each motion runs [s]: until after the first fast stretch in which hands
 # come near the body. Other motions run whole.
 DURATIONS = {"dance": 5.3, "boxing": 4.9}
 PERIOD = 5e-3  # [s] quick to run, and the harder one: the torque is held longer
-_PUSH_DURATION = 0.2  # [s]
 _JUMP_DURATION = 0.5  # [s]
-
-
-@dataclass(frozen=True)
-class Fault:
-    """A way in which the simulated robot differs from what the controller believes.
-
-    Attributes:
-        name: of the table's row.
-        assumption: that it breaks.
-        disturbances: it.
-        period: of the controller [s]; None for the one of the whole table.
-        latency: that the controller is told of [s].
-    """
-
-    name: str
-    assumption: str
-    disturbances: Disturbances = field(default_factory=Disturbances)
-    period: float | None = None
-    latency: float = 0.0
-
-
-@dataclass(frozen=True)
-class Moment:
-    """When and where the robot without a fault came nearest to itself.
-
-    Attributes:
-        time: [s].
-        hand: link that a push acts on.
-        towards: (3,) direction in which it comes nearer, in W.
-    """
-
-    time: float
-    hand: str
-    towards: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -88,30 +53,20 @@ class Remedy:
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """A run under a fault, judged by the referee on the true state.
+class Outcome(Judged):
+    """A run of the law under a fault.
 
     Attributes:
-        fault, assumption, remedy: names; no remedy for the defaults.
-        where: motion and experiment.
-        violated: samples with a violation, of
-        samples: all, one per step of the plant.
-        smallest_distance: over pairs and samples [m].
+        remedy: against it.
         largest_excess: of a joint beyond its limit [rad].
         peak_torque: of a controlled joint [Nm].
         rms_acceleration: commanded, of the controlled joints [rad/s^2].
     """
 
-    fault: str
-    assumption: str
-    remedy: str
-    where: str
-    violated: int
-    samples: int
-    smallest_distance: float
-    largest_excess: float
-    peak_torque: float
-    rms_acceleration: float
+    remedy: Remedy
+    largest_excess: float = np.inf
+    peak_torque: float = np.inf
+    rms_acceleration: float = np.inf
 
 
 NO_FAULT = Fault("none", "–")
@@ -168,29 +123,10 @@ def make_faults(moment: Moment) -> list[Fault]:
         for delay in (3, 6)
         for scale, and_masses in ((1.0, ""), (1.2, ", masses +20%"))
     ]
-    up = np.array([0.0, 0.0, 1.0])
-    sideways = np.cross(moment.towards, up)
-    pushes = [
-        ("towards the nearest segment", moment.towards, 0.0),
-        ("sideways", sideways / max(np.linalg.norm(sideways), 1e-9), -0.1),
-        ("up", up, -0.1),
-    ]
+    pushes = moment.pushes("segment", (0.0, -0.1, -0.1))
     faults += [
-        Fault(
-            f"50 N on a hand, {direction}",
-            "no force from outside",
-            Disturbances(
-                pushes=[
-                    Push(
-                        moment.hand,
-                        (50.0 * unit).tolist(),
-                        max(moment.time + since, 0.0),
-                        _PUSH_DURATION,
-                    )
-                ]
-            ),
-        )
-        for direction, unit, since in pushes
+        Fault(name, "no force from outside", Disturbances(pushes=[push]))
+        for name, push in pushes.items()
     ]
     faults += [
         Fault(
@@ -208,53 +144,6 @@ def make_faults(moment: Moment) -> list[Fault]:
         )
     ]
     return faults
-
-
-def find_moment(run: RunResult, settled: float = 1.0) -> Moment:
-    """When a hand of this run came nearest to something, from `settled` [s] on.
-
-    The direction is that of the force on the hand that brings it nearer: the one
-    whose share J^T f of the joints is most like the distance's negative gradient.
-    """
-    model, log = run.setup.model, run.log
-    hands = [_hand_of(str(name)) for name in log.pair_names]
-    distances = np.where([bool(h) for h in hands], log.signed_distances, np.inf)
-    distances[log.time < settled] = np.inf
-    # After a push there must be time to see what it did.
-    distances[log.time > log.time[-1] - _PUSH_DURATION - 0.1] = np.inf
-    sample, pair = np.unravel_index(distances.argmin(), distances.shape)
-    q, hand = log.q[sample], hands[pair]
-    gradient = model.evaluate(
-        model.MakeWorkspace(), q, np.zeros(len(model.order))
-    ).dd_dq[pair]
-    J = hand_jacobian(run, q, hand)
-    towards = -np.linalg.lstsq(J.T, gradient, rcond=None)[0]
-    return Moment(
-        float(log.time[sample]), hand, towards / max(np.linalg.norm(towards), 1e-9)
-    )
-
-
-def hand_jacobian(run: RunResult, q: np.ndarray, link: str) -> np.ndarray:
-    """Translational Jacobian (3, n) of a link's origin by the controlled joints."""
-    model = run.setup.model
-    plant = model.plant
-    context = plant.CreateDefaultContext()
-    plant.SetPositions(context, q)
-    W = plant.world_frame()
-    J = plant.CalcJacobianTranslationalVelocity(
-        context,
-        JacobianWrtVariable.kV,
-        plant.GetFrameByName(link),
-        np.zeros(3),
-        W,
-        W,
-    )
-    return J[:, model.controlled]
-
-
-def _hand_of(pair: str) -> str:
-    """The first hand in a pair's name; "" if there is none."""
-    return next((link for link in pair.split(" - ") if link.endswith("hand")), "")
 
 
 def base_scenario(
@@ -289,20 +178,12 @@ def under(scenario: Scenario, fault: Fault, remedy: Remedy = DEFAULTS) -> Scenar
 
 def judge(run: RunResult, fault: Fault, remedy: Remedy, where: str) -> Outcome:
     """What the referee says of the true states of a run."""
-    model = run.setup.model
+    model, summary = run.setup.model, run.summary
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
     verdict = referee.violations(run.log.q)
     return Outcome(
-        fault=fault.name,
-        assumption=fault.assumption,
-        remedy=remedy.name,
-        where=where,
-        violated=verdict.num_violated,
-        samples=verdict.num_samples,
-        smallest_distance=verdict.smallest_distance,
-        largest_excess=verdict.largest_limit_excess,
-        peak_torque=run.summary.peak_torque,
-        rms_acceleration=run.summary.rms_acceleration,
+        *(fault, where, verdict, remedy, verdict.largest_limit_excess),
+        *(summary.peak_torque, summary.rms_acceleration),
     )
 
 
@@ -323,8 +204,7 @@ def run_fault(
             run = run_scenario(under(scenario, fault, remedy), record=False)
         except (InputError, *FAILURES):
             # The state is not finite any more: the loop is unstable.
-            names, infinite = (fault.name, fault.assumption, remedy.name), np.inf
-            outcome = Outcome(*names, where, 1, 1, -infinite, *[infinite] * 3)
+            outcome = Outcome(fault, where, None, remedy)
         else:
             outcome = judge(run, fault, remedy, where)
         outcomes.append(outcome)
@@ -352,7 +232,7 @@ def run_all(
     def add(more: list[Outcome]) -> None:
         outcomes.extend(more)
         for o in more:
-            what = f"{o.fault}, {o.remedy}" if o.remedy else o.fault
+            what = ", ".join(filter(None, (o.fault.name, o.remedy.name)))
             print(f"{o.where}: {what}: {o.violated} violations", flush=True)
 
     for motion in motions:
@@ -371,22 +251,19 @@ def make_tables(outcomes: Sequence[Outcome]) -> list[Table]:
 
     The first table's figures are the worst of the fault's runs with the defaults.
     """
-    plain = [o for o in outcomes if not o.remedy]
-    names = list(dict.fromkeys(o.fault for o in plain))
+    plain = [o for o in outcomes if o.remedy is DEFAULTS]
     rows = []
-    for name in names:
-        runs = [o for o in plain if o.fault == name]
+    for name in dict.fromkeys(o.fault.name for o in plain):
+        runs = [o for o in plain if o.fault.name == name]
         nearest = min(runs, key=lambda o: o.smallest_distance)
         rows.append(
             [
                 name,
-                runs[0].assumption,
+                runs[0].fault.assumption,
                 f"{sum(o.violated > 0 for o in runs)} of {len(runs)}",
                 f"{sum(o.violated for o in runs)} of {sum(o.samples for o in runs)}",
                 f"{_distance(nearest.smallest_distance)} ({nearest.where})",
-                _excess(max(o.largest_excess for o in runs)),
-                f"{max(o.peak_torque for o in runs):.0f} Nm",
-                f"{max(o.rms_acceleration for o in runs):.0f} rad/s²",
+                *_figures(runs),
             ]
         )
     figures = [
@@ -397,33 +274,37 @@ def make_tables(outcomes: Sequence[Outcome]) -> list[Table]:
     ]
     whole = ["fault", "assumption broken", "runs in violation", "samples", *figures]
     table = Table(whole, rows)
-    violated = {(o.fault, o.where) for o in plain if o.violated}
+    violated = {(o.fault.name, o.where) for o in plain if o.violated}
     if not violated:
         return [table]
     details = [
         [
-            o.fault,
+            o.fault.name,
             o.where,
-            o.remedy or "defaults",
+            o.remedy.name or "defaults",
             f"{o.violated} of {o.samples}",
             _distance(o.smallest_distance),
-            _excess(o.largest_excess),
-            f"{o.peak_torque:.0f} Nm",
-            f"{o.rms_acceleration:.0f} rad/s²",
+            *_figures([o]),
         ]
         for o in outcomes
-        if (o.fault, o.where) in violated
+        if (o.fault.name, o.where) in violated
     ]
     header = ["fault", "run", "settings", "samples in violation", *figures]
     return [table, Table(header, details)]
 
 
+def _figures(runs: Sequence[Outcome]) -> list[str]:
+    """The worst of some runs, but for distances."""
+    excess = max(o.largest_excess for o in runs)
+    return [
+        f"{np.rad2deg(excess):.2f}°" if excess > 0.0 else "none",
+        f"{max(o.peak_torque for o in runs):.0f} Nm",
+        f"{max(o.rms_acceleration for o in runs):.0f} rad/s²",
+    ]
+
+
 def _distance(distance: float) -> str:
     return f"{1e3 * distance:.1f} mm" if np.isfinite(distance) else "diverges"
-
-
-def _excess(angle: float) -> str:
-    return f"{np.rad2deg(angle):.2f}°" if angle > 0.0 else "none"
 
 
 def tracking_tables(motions: Sequence[str], errors: Sequence[float]) -> list[Table]:
@@ -433,9 +314,7 @@ def tracking_tables(motions: Sequence[str], errors: Sequence[float]) -> list[Tab
         scenario = base_scenario(motion, "upper-body")
         controller = with_constraints(scenario.controller, "none")
         found = run_scenario(replace(scenario, controller=controller), record=False)
-        moment = find_moment(found)
-        runs[motion] = found
-        moments[motion] = moment.time, moment.hand, moment.towards
+        runs[motion], moments[motion] = found, find_moment(found)
     floor = LookaheadParameters().safety_distance
     return [
         filter_table(run_filter_faults(error, runs, moments), error, floor)

@@ -8,26 +8,24 @@ compares the measured state with the command before, and brakes beyond E.
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from pydrake.common.value import Value
-from pydrake.multibody.plant import (
-    AddMultibodyPlantSceneGraph,
-    ExternallyAppliedSpatialForce,
-)
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import PdControllerGains, PrismaticJoint
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from benchmarks.fault_cases import Fault, Judged, Moment
 from benchmarks.page import Table
 from crar_drake.judging.referee import Referee
 from crar_drake.law.parameters import SafetyParameters
 from crar_drake.law.safety_filter import SafetyFilter
 from crar_drake.robot.description import add_robot, load_robot_description
 from crar_drake.run import RunResult
-from crar_drake.simulation.diagram import leave_out_contact
-from crar_drake.simulation.disturbances import Push, ScaleMasses, applied_force
+from crar_drake.simulation.diagram import leave_out_contact, lift_limits
+from crar_drake.simulation.disturbances import Disturbances, PushSource, ScaleMasses
+from crar_drake.simulation.scenario import SimulatedRobot
 
 ROBOT = "upper_body"
 PERIOD, STEP = 5e-3, 1e-3  # of the filter, and of the plant [s]
@@ -35,96 +33,57 @@ PERIOD, STEP = 5e-3, 1e-3  # of the filter, and of the plant [s]
 TURNING, SLIDING = (2e4, 600.0), (1e6, 4e4)
 # Slides err by less: a share of E, in metres.
 SLIDES_SHARE = 0.1
-_PUSHED = 0.2  # [s]
+LEAD_IN = 1.0  # [s] of `wanted_of`
 
 
 @dataclass(frozen=True)
-class FilterFault:
-    """How the robot differs from one that is where its command is.
+class FilterOutcome(Judged):
+    """A run of a filter under a fault.
 
     Attributes:
-        name: of the table's row.
-        mass_scale: factor on all masses and inertias.
-        noise: standard deviation of measured positions [rad or m].
-        late_state: how late the measured state is [s].
-        late_commands: how late drives get their commands [s].
-        pushes: forces on the robot.
-    """
-
-    name: str
-    mass_scale: float = 1.0
-    noise: float = 0.0
-    late_state: float = 0.0
-    late_commands: float = 0.0
-    pushes: tuple[Push, ...] = field(default_factory=tuple)
-
-
-@dataclass(frozen=True)
-class FilterOutcome:
-    """A run of a fault, judged on the true state at each step of the plant.
-
-    Attributes:
-        fault, where: names, of the fault and of the motion.
         error, joint: the largest of a joint to its command then, as a share of its E.
         braked: periods in which the loop braked, of
         periods: all.
-        smallest_distance, pair: over watched pairs and steps [m].
-        violated: steps with a penetration or a joint beyond its limit, of
-        steps: all.
     """
 
-    fault: str
-    where: str
     error: float
     joint: str
     braked: int
     periods: int
-    smallest_distance: float
-    pair: str
-    violated: int
-    steps: int
 
 
-def filter_faults(time: float, hand: str, towards: np.ndarray) -> list[FilterFault]:
-    """The faults of the table.
-
-    Args:
-        time: when a hand comes nearest to something [s].
-        hand: which link, and
-        towards: (3,) where it then is pushed to.
-    """
-    up = np.array([0.0, 0.0, 1.0])
-    sideways = np.cross(towards, up)
-    sideways /= max(np.linalg.norm(sideways), 1e-9)
-    pushes = {"towards the nearest link": towards, "sideways": sideways, "up": up}
+def filter_faults(moment: Moment) -> list[Fault]:
+    """The faults of the table."""
+    late = range(2, 7, 2)  # periods
+    milliseconds = [f"{1e3 * PERIOD * periods:g} ms" for periods in late]
+    pushes = moment.pushes("link", (LEAD_IN, LEAD_IN, LEAD_IN))
     return [
-        FilterFault("none"),
+        Fault("none"),
         *(
-            FilterFault(f"masses, inertias {scale - 1.0:+.0%}", mass_scale=scale)
+            Fault(f"masses, inertias {scale - 1.0:+.0%}", "", Disturbances(scale))
             for scale in (0.8, 1.2)
         ),
-        *(FilterFault(f"noise {1e3 * x:g} mrad", noise=x) for x in (1e-3, 5e-3)),
         *(
-            FilterFault(f"measured state {1e3 * x:g} ms late", late_state=x)
-            for x in (0.01, 0.02, 0.03)
+            Fault(f"noise {1e3 * x:g} mrad", "", Disturbances(position_noise=x))
+            for x in (1e-3, 5e-3)
         ),
         *(
-            FilterFault(f"commands {1e3 * x:g} ms late", late_commands=x)
-            for x in (0.01, 0.02, 0.03)
+            Fault(f"measured state {ms} late", "", Disturbances(delay_periods=periods))
+            for periods, ms in zip(late, milliseconds, strict=True)
         ),
         *(
-            FilterFault(
-                f"50 N on a hand, {name}",
-                pushes=(Push(hand, (50.0 * n).tolist(), max(time, 0.0), _PUSHED),),
-            )
-            for name, n in pushes.items()
+            Fault(f"commands {ms} late", late_commands=PERIOD * periods)
+            for periods, ms in zip(late, milliseconds, strict=True)
         ),
-        FilterFault(
+        *(
+            Fault(name, "", Disturbances(pushes=[push]))
+            for name, push in pushes.items()
+        ),
+        Fault(
             "masses +20%, noise 1 mrad, state and commands 10 ms late",
-            mass_scale=1.2,
-            noise=1e-3,
-            late_state=0.01,
-            late_commands=0.01,
+            "",
+            Disturbances(1.2, position_noise=1e-3, delay_periods=2),
+            late_commands=2 * PERIOD,
         ),
     ]
 
@@ -153,51 +112,35 @@ class DrivenRobot:
     Joints' limits are lifted: nothing may hide a violation.
     """
 
-    def __init__(self, fault: FilterFault, q: np.ndarray) -> None:
+    def __init__(self, disturbances: Disturbances, q: np.ndarray) -> None:
         builder = DiagramBuilder()
-        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, STEP)
+        self.plant, scene_graph = AddMultibodyPlantSceneGraph(builder, STEP)
         plant = self.plant
-        self.description = load_robot_description(ROBOT)
-        add_robot(plant, self.description)
-        for index in plant.GetJointIndices():
-            joint = plant.get_joint(index)
-            unlimited = np.full(joint.num_positions(), np.inf)
-            joint.set_position_limits(-unlimited, unlimited)
-        plant.RemoveAllJointActuatorEffortLimits()
+        add_robot(plant, load_robot_description(ROBOT))
+        lift_limits(plant, SimulatedRobot())
         for index in plant.GetJointActuatorIndices():
             actuator = plant.get_mutable_joint_actuator(index)
             slides = isinstance(actuator.joint(), PrismaticJoint)
             p, d = SLIDING if slides else TURNING
             actuator.set_controller_gains(PdControllerGains(p=p, d=d))
         plant.Finalize()
-        leave_out_contact(plant, self.scene_graph)
+        leave_out_contact(plant, scene_graph)
+        pushes = builder.AddSystem(PushSource(plant, {}, disturbances.pushes))
+        builder.Connect(
+            pushes.get_output_port(), plant.get_applied_spatial_force_input_port()
+        )
         self._simulator = Simulator(builder.Build())
         root = self._simulator.get_mutable_context()
         self.context = plant.GetMyMutableContextFromRoot(root)
-        ScaleMasses(plant, self.context, fault.mass_scale)
+        ScaleMasses(plant, self.context, disturbances.mass_scale)
         plant.SetPositions(self.context, q)
-        self._instance = plant.GetModelInstanceByName(
-            plant.GetModelInstanceName(
-                plant.get_joint_actuator(plant.GetJointActuatorIndices()[0])
-                .joint()
-                .model_instance()
-            )
-        )
-        self._target = plant.get_desired_state_input_port(self._instance)
-        self._pushes = [
-            (p.start, p.start + p.duration, applied_force(plant, {}, p))
-            for p in fault.pushes
-        ]
+        motor = plant.get_joint_actuator(plant.GetJointActuatorIndices()[0])
+        self._target = plant.get_desired_state_input_port(motor.model_instance())
 
     def step(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The state (nq + nv,) after a step of the plant with these targets."""
         time = self._simulator.get_context().get_time()
         self._target.FixValue(self.context, np.concatenate((q, v)))
-        if self._pushes:
-            now = [f for start, end, f in self._pushes if start <= time + 1e-9 < end]
-            self.plant.get_applied_spatial_force_input_port().FixValue(
-                self.context, Value[list[ExternallyAppliedSpatialForce]](now)
-            )
         self._simulator.AdvanceTo(time + STEP)
         return self.plant.GetPositionsAndVelocities(self.context)
 
@@ -206,7 +149,7 @@ def run_filter_fault(
     filter: SafetyFilter,
     error: float,
     wanted: np.ndarray,
-    fault: FilterFault,
+    fault: Fault,
     where: str,
 ) -> FilterOutcome:
     """One run.
@@ -222,15 +165,16 @@ def run_filter_fault(
     allowed = stated_errors(filter, error)
     start = filter.model.rest_positions()
     filter.reset(start)
-    robot = DrivenRobot(fault, start)
+    disturbances = fault.disturbances
+    robot = DrivenRobot(disturbances, start)
     rng = np.random.default_rng(0)
     state = np.concatenate((start, np.zeros(n)))
     late = round(fault.late_commands / STEP)
     commands = deque([(start, np.zeros(n))] * (late + 1), maxlen=late + 1)
-    past = deque([state] * (round(fault.late_state / STEP) + 1))
+    past = deque([state] * (disturbances.delay_periods * per_period + 1))
     before, path, worst, joint, braked, beyond = start, [], 0.0, "", 0, False
     for wish in wanted:
-        measured = past[0][:n] + fault.noise * rng.normal(size=n)
+        measured = past[0][:n] + disturbances.position_noise * rng.normal(size=n)
         off = np.abs(measured - before) / allowed
         beyond = bool((off > 1.0).any())
         both = measured, past[0][n:]
@@ -254,18 +198,7 @@ def run_filter_fault(
     model = filter.model
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
     verdict = referee.violations(path[:, :n])
-    return FilterOutcome(
-        fault.name,
-        where,
-        worst,
-        joint,
-        braked,
-        len(wanted),
-        verdict.smallest_distance,
-        " - ".join(verdict.smallest_distance_pair or ()),
-        verdict.num_violated,
-        verdict.num_samples,
-    )
+    return FilterOutcome(fault, where, verdict, worst, joint, braked, len(wanted))
 
 
 def wanted_of(run: RunResult, filter: SafetyFilter) -> np.ndarray:
@@ -273,13 +206,10 @@ def wanted_of(run: RunResult, filter: SafetyFilter) -> np.ndarray:
     every = round(filter.period / (run.log.time[1] - run.log.time[0]))
     rest = filter.model.rest_positions()
     q = run.log.q[::every]
-    steps = round(1.0 / filter.period)
+    steps = round(LEAD_IN / filter.period)
     share = np.linspace(0.0, 1.0, steps)[:, None]
     smooth = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
     return np.concatenate([rest + smooth * (q[0] - rest), q])
-
-
-LEAD_IN = 1.0  # [s] of `wanted_of`
 
 
 def filter_table(
@@ -287,19 +217,20 @@ def filter_table(
 ) -> Table:
     """Each fault over all motions, the worst of them."""
     rows = []
-    for name in dict.fromkeys(o.fault for o in outcomes):
-        runs = [o for o in outcomes if o.fault == name]
+    for name in dict.fromkeys(o.fault.name for o in outcomes):
+        runs = [o for o in outcomes if o.fault.name == name]
         far = max(runs, key=lambda o: o.error)
         near = min(runs, key=lambda o: o.smallest_distance)
+        pair = " - ".join(near.verdict.smallest_distance_pair or ())
         braked = sum(o.braked for o in runs)
         rows.append(
             [
                 name,
                 f"{far.error:.2f} E ({far.joint})",
-                f"{1e3 * near.smallest_distance:.1f} mm ({near.pair})",
+                f"{1e3 * near.smallest_distance:.1f} mm ({pair})",
                 "kept" if near.smallest_distance >= floor else "NOT KEPT",
                 f"{braked} of {sum(o.periods for o in runs)}" if braked else "never",
-                f"{sum(o.violated for o in runs)} of {sum(o.steps for o in runs)}",
+                f"{sum(o.violated for o in runs)} of {sum(o.samples for o in runs)}",
             ]
         )
     return Table(
@@ -319,20 +250,19 @@ def filter_table(
 def run_filter_faults(
     error: float,
     runs: dict[str, RunResult],
-    moments: dict[str, tuple[float, str, np.ndarray]],
+    moments: dict[str, Moment],
 ) -> list[FilterOutcome]:
     """Every fault on the motions of some runs; prints each.
 
     Args:
         error: E [rad].
         runs: by the motion's name, without constraints.
-        moments: of each, when a hand is nearest, which, and where it is pushed to.
+        moments: of each, when a hand is nearest.
     """
     filter, outcomes = make_filter(error), []
     for where, run in runs.items():
         wanted = wanted_of(run, filter)
-        time, hand, towards = moments[where]
-        for fault in filter_faults(time + LEAD_IN, hand, towards):
+        for fault in filter_faults(moments[where]):
             outcome = run_filter_fault(filter, error, wanted, fault, where)
             print(f"{where}: {fault.name}: {outcome.error:.2f} E", flush=True)
             outcomes.append(outcome)

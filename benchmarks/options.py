@@ -1,8 +1,10 @@
 """Options that several benchmarks have."""
 
 import argparse
+from collections.abc import Callable, Iterable
 
 from crar_drake.commands.options import positive
+from crar_drake.errors import nearest
 from crar_drake.law.parameters import LookaheadParameters, PaperGains
 
 
@@ -43,3 +45,31 @@ def lookahead_defaults(preview: float | None, **settings) -> LookaheadParameters
     if preview == 0.0:
         return LookaheadParameters(nominal=PaperGains(), **settings)
     return LookaheadParameters(preview=preview, **settings)
+
+
+def add_duration(parser: argparse.ArgumentParser) -> None:
+    """--duration, of each of many motions."""
+    parser.add_argument(
+        "--duration",
+        type=positive,
+        metavar="S",
+        help="simulate S seconds of each motion (default: all of it)",
+    )
+
+
+def list_of(convert: Callable[[str], object]) -> Callable[[str], list]:
+    """Converts what stands between commas."""
+    return lambda text: [convert(part.strip()) for part in text.split(",")]
+
+
+def one_of(known: Iterable[str], what: str = "") -> Callable[[str], str]:
+    """Takes a known word only; `what` it is."""
+
+    def convert(text: str) -> str:
+        if text not in known:
+            raise argparse.ArgumentTypeError(
+                f"no {what or 'value'} {text!r}{nearest(text, list(known))}"
+            )
+        return text
+
+    return convert

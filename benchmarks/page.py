@@ -160,12 +160,15 @@ class Benchmark:
 
 
 def run(main: Callable[[], int | None]) -> None:
-    """Runs a command, and ends with its exit code; 2 and a message if it cannot."""
+    """Runs a command, and ends with its exit code; 2 and a message if it cannot, 130 if
+    it is interrupted."""
     try:
         code = main()
     except CrarError as error:
         print(f"error: {error}", file=sys.stderr)
         code = 2
+    except KeyboardInterrupt:
+        code = 130
     sys.exit(code)
 
 

@@ -21,13 +21,14 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from benchmarks.options import (
     add_preview_option,
     defaults_or_preview,
+    list_of,
     lookahead_defaults,
+    one_of,
 )
 from benchmarks.page import Benchmark, Table, run as run_command
 from benchmarks.step_compiling import measure_compiling
 from benchmarks.step_robots import PERIOD, make_robot, make_samples
 from benchmarks.step_timing import Step, fit_growth, samples_of_run, time_side_by_side
-from benchmarks.sweep.command import list_of, one_of
 from crar_drake.law.parameters import CONSTRAINTS, PaperParameters
 from crar_drake.results import RECORDING
 from crar_drake.results.playback import record_logs

@@ -5,21 +5,16 @@
     python -m benchmarks.adversary --replay out/adversary/found/FILE.json
 
 Finished cases stand in `adversary.json`, so that a stopped run goes on; a case is run
-again when the source of the controller or of the attacks has changed. The exit code
+again when the source of the package or of the attacks has changed. The exit code
 is 1 if anything is violated with the exact model, 2 if a case could not be run.
 """
 
 import argparse
 import json
 import os
-import sys
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Sequence
 from dataclasses import asdict
-from multiprocessing import active_children, get_context
 from pathlib import Path
-
-from rich.progress import track
 
 from benchmarks.adversary.cases import (
     PERIODS,
@@ -27,19 +22,17 @@ from benchmarks.adversary.cases import (
     Case,
     Result,
     attacks_on,
-    law_digest,
     make_cases,
-    read_results,
-    write_results,
 )
 from benchmarks.adversary.report import tables, told
 from benchmarks.adversary.robots import ASKED_FOR, ROBOTS, load_subject
 from benchmarks.adversary.run import play_and_judge, run_case
-from benchmarks.options import seed_number
+from benchmarks.kept_cases import run_cases, source_digest, workers
+from benchmarks.options import list_of, one_of, seed_number
 from benchmarks.page import Benchmark, run
 from crar_drake.commands.options import count, positive
 from crar_drake.errors import CrarError, nearest
-from crar_drake.files import check_folder, sole_writer, write_whole
+from crar_drake.files import check_folder, write_whole
 from crar_drake.law.parameters import CONSTRAINTS
 
 WHOLE = "adversary.json"
@@ -48,54 +41,13 @@ USUAL = [robot for robot in ROBOTS if robot not in ASKED_FOR]
 QUICK_STEPS, EXACT_STEPS, TORQUE_STEPS = 200, 5000, 600
 
 
-def run_all(cases: Sequence[Case], folder: Path, processes: int) -> list[Result]:
-    """Runs what is not in the folder yet, and writes all of it there.
-
-    Raises:
-        CrarError: another process writes there, or the folder cannot be written to.
-    """
-    kept = folder / WHOLE
-    with sole_writer(kept):
-        done = read_results(kept, law_digest())
-        waiting = [case for case in cases if case not in done]
-        if len(waiting) < len(cases):
-            print(f"{len(cases) - len(waiting)} cases are there already")
-        for result in track(_results(waiting, processes), "cases", len(waiting)):
-            done[result.case] = result
-            write_results(kept, done.values())
-    results = [done[case] for case in cases]
-    _write_found(folder, results)
-    return results
-
-
-def _results(cases: Sequence[Case], processes: int):
-    """Runs the cases, and yields results as they come."""
-    if processes == 1 or len(cases) < 2:
-        yield from map(run_case, cases)
-        return
-    # Read by the libraries when a new process loads them.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        try:
-            for future in as_completed([pool.submit(run_case, c) for c in cases]):
-                yield future.result()
-        except BaseException:
-            # A case may take minutes, and the pool would wait for those under way.
-            for process in active_children():
-                process.terminate()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
 def _write_found(folder: Path, results: Sequence[Result]) -> None:
     """A file per counterexample."""
     for r in results:
         if r.worst is not None:
             case = r.case
             name = f"{case.plant}-{case.robot}-{case.attack}-{1e3 * case.period:g}ms"
-            found = {"case": asdict(case), **r.worst, "law": r.law}
-            text = json.dumps(found, indent=1) + "\n"
+            text = json.dumps({"case": asdict(case), **r.worst}, indent=1) + "\n"
             write_whole(folder / FOUND / f"{name}.json", text)
 
 
@@ -136,31 +88,11 @@ def replay(path: Path) -> bool:
     return verdict.violated or done.diverged
 
 
-def _names(known: Sequence[str], what: str) -> Callable[[str], list[str]]:
-    """The type of an option that names some of those, with commas between."""
-
-    def names(text: str) -> list[str]:
-        chosen = text.split(",")
-        for name in chosen:
-            if name not in known:
-                raise argparse.ArgumentTypeError(
-                    f"no {what} {name!r}{nearest(name, list(known))}"
-                )
-        return chosen
-
-    return names
-
-
-def _periods(text: str) -> list[float]:
-    try:
-        values = [float(x) for x in text.split(",")]
-    except ValueError:
-        values = [0.0]
-    if not all(1e-5 <= x <= 0.1 for x in values):
-        raise argparse.ArgumentTypeError(
-            f"{text!r}: give seconds from 1e-5 to 0.1, with commas between"
-        )
-    return values
+def _period(text: str) -> float:
+    value = positive(text)
+    if not 1e-5 <= value <= 0.1:
+        raise argparse.ArgumentTypeError(f"{text!r}: give seconds from 1e-5 to 0.1")
+    return value
 
 
 def parse(
@@ -170,19 +102,19 @@ def parse(
     parser = benchmark.parser
     parser.add_argument(
         "--robots",
-        type=_names(ROBOTS, "robot"),
+        type=list_of(one_of(ROBOTS, "robot")),
         default=list(USUAL),
         help=f"by default all but {' and '.join(ASKED_FOR)}",
     )
     parser.add_argument(
         "--attacks",
-        type=lambda text: text.split(","),
+        type=list_of(str),
         help="by default all; those on the filter are others than those on the law",
     )
-    parser.add_argument("--periods", type=_periods, default=list(PERIODS))
+    parser.add_argument("--periods", type=list_of(_period), default=list(PERIODS))
     parser.add_argument(
         "--plants",
-        type=_names(PLANTS, "plant"),
+        type=list_of(one_of(PLANTS, "plant")),
         default=["exact"],
         help="exact (default), torque, filter, or several",
     )
@@ -243,14 +175,19 @@ def main(argv: Sequence[str] | None = None) -> int:
             steps=options.steps or (QUICK_STEPS if options.quick else default),
             seed=options.seed,
         )
-    try:
-        results = run_all(cases, options.out, options.processes)
-    except KeyboardInterrupt:
-        print("stopped; the same command goes on", file=sys.stderr)
-        return 130
+    results = run_cases(
+        run_case,
+        cases,
+        options.out / WHOLE,
+        workers(options.processes),
+        made_of=source_digest(Path(__file__).parent),
+        parse=lambda each: Result(**each | {"case": Case(**each["case"])}),
+        failed=lambda case, why: Result(case=case, error=why),
+    )
+    _write_found(options.out, results)
     benchmark.report(tables(results), told(results))
     print(f"in {options.out}: {WHOLE}, {FOUND}/")
-    if any(r.unsafe for r in results if r.case.plant != "torque"):
+    if any(r.failed for r in results if r.case.plant != "torque"):
         return 1
     return 2 if any(r.error for r in results) else 0
 

@@ -6,9 +6,10 @@ controller's kinematics and distances nor Drake's take part;
 `tests/benchmarks/test_adversary.py` compares it with SceneGraph.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
+from operator import add
 
 import numpy as np
 from pydrake.geometry import Box, Capsule, Convex, SceneGraph, Sphere
@@ -33,9 +34,17 @@ CHUNK = 512  # configurations at a time, so that arrays stay in the caches
 _PARALLEL = 1e-6
 
 
+# How figures of several episodes become one; of all others it is the sum.
+_OF_SEVERAL = {
+    **dict.fromkeys(("clearance", "path_clearance"), min),
+    **dict.fromkeys(("excess", "overspeed", "acceleration", "slip"), max),
+    "admitted": lambda mine, its: list(map(add, mine, its)),
+}
+
+
 @dataclass
-class Verdict:
-    """What a trajectory violates.
+class Counts:
+    """What trajectories violate.
 
     Attributes:
         states: how many were judged.
@@ -46,11 +55,10 @@ class Verdict:
         ahead: control steps whose braking path ends with a joint beyond its limit.
         paths: braking paths, and ways from state to state, that were sampled.
         blocked: those of them on which a pair is nearer than that floor.
-        clearance, pair: the smallest distance at a state [m], and of which pair.
-        path_clearance, path_pair: the same on the sampled paths.
-        excess, joint: the farthest beyond a limit, on paths too [rad or m].
+        clearance: the smallest distance at a state [m].
+        path_clearance: the same on the sampled paths.
+        excess: the farthest beyond a limit, on paths too [rad or m].
         overspeed: the largest |v| over its limit; 0 where nothing has one.
-        first: the first state that violates anything but speed; None if none does.
     """
 
     states: int = 0
@@ -62,22 +70,47 @@ class Verdict:
     paths: int = 0
     blocked: int = 0
     clearance: float = np.inf
-    pair: str = ""
     path_clearance: float = np.inf
-    path_pair: str = ""
     excess: float = 0.0
-    joint: str = ""
     overspeed: float = 0.0
-    first: int | None = None
 
     @property
     def unsafe(self) -> bool:
         """Whether a pair or a joint limit is violated, at a state or on a path."""
         return bool(self.below + self.beyond_limit + self.ahead + self.blocked)
 
+    def add(self, other: object, names: Iterable[str] = ()) -> None:
+        """Takes others in: sums, and the worst of distances, excess and speed.
+
+        Args:
+            other: has the figures.
+            names: of them; by default those of the class of `other`, a dataclass, that
+                this has, too.
+        """
+        mine = {f.name for f in fields(self)}
+        for name in names or [f.name for f in fields(other) if f.name in mine]:
+            of_both = getattr(self, name), getattr(other, name)
+            setattr(self, name, _OF_SEVERAL.get(name, add)(*of_both))
+
+
+@dataclass
+class Verdict(Counts):
+    """What a trajectory violates, and where.
+
+    Attributes:
+        pair, path_pair: those of the smallest distances.
+        joint: that of the largest excess.
+        first: the first state that violates anything but speed; None if none does.
+    """
+
+    pair: str = ""
+    path_pair: str = ""
+    joint: str = ""
+    first: int | None = None
+
     @property
     def violated(self) -> bool:
-        """The same, or a speed limit."""
+        """Whether anything is violated, speed limits included."""
         return self.unsafe or self.too_fast > 0
 
 

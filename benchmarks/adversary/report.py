@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from benchmarks.adversary.cases import Result
+from benchmarks.adversary.cases import Result, Tally
 from benchmarks.page import Table
 
 HEADER = (
@@ -21,31 +21,25 @@ HEADER = (
 
 def _figures(results: Sequence[Result]) -> list[str]:
     """Sums and worst values of some cases."""
-
-    def total(name: str) -> int:
-        return sum(getattr(r, name) for r in results)
-
-    refused, diverged = total("refused"), total("diverged")
-    episodes = f"{total('violated')} of {total('episodes')}"
-    episodes += f", {diverged} diverged" if diverged else ""
-    episodes += f", {refused} refused" if refused else ""
-    nearest = min(min(r.clearance, r.path_clearance) for r in results)
-    admitted = [sum(r.admitted[i] for r in results) for i in range(3)]
-    told = " / ".join(f"{n:,}" for n in admitted) if any(admitted) else "not told"
-    excess = max(r.excess for r in results)
-    overspeed = max(r.overspeed for r in results)
-    ahead, blocked = total("ahead"), total("blocked")
+    total = Tally()
+    for result in results:
+        total.add(result)
+    episodes = f"{total.violated} of {total.episodes}"
+    for what in ("diverged", "refused"):
+        episodes += f", {n} {what}" if (n := getattr(total, what)) else ""
+    nearest = min(total.clearance, total.path_clearance)
+    admitted = " / ".join(f"{n:,}" for n in total.admitted)
     return [
-        f"{total('steps'):,}",
+        f"{total.steps:,}",
         episodes,
-        f"{total('below'):,}, {total('penetrating'):,}",
-        f"{total('beyond_limit'):,}",
-        f"{ahead:,} / {blocked:,} of {total('paths'):,}",
-        f"{total('too_fast'):,}",
+        f"{total.below:,}, {total.penetrating:,}",
+        f"{total.beyond_limit:,}",
+        f"{total.ahead:,} / {total.blocked:,} of {total.paths:,}",
+        f"{total.too_fast:,}",
         f"{1e3 * nearest:.1f} mm",
-        f"{excess:.3g} rad" if excess > 1e-6 else "none",
-        f"{overspeed:.3g}",
-        told,
+        f"{total.excess:.3g} rad" if total.excess > 1e-6 else "none",
+        f"{total.overspeed:.3g}",
+        admitted if any(total.admitted) else "not told",
     ]
 
 
@@ -127,7 +121,7 @@ def verdict_line(results: Sequence[Result]) -> str:
         return "nothing was run with the exact model"
     filtered = all(r.case.plant == "filter" for r in exact)
     what = "the filter" if filtered else "exact model"
-    bad = [r for r in exact if r.unsafe]
+    bad = [r for r in exact if r.failed]
     if not bad:
         return f"{what}: no violation in {steps:,} control steps"
     violated = sum(r.violated for r in bad)

@@ -1,13 +1,12 @@
 """Runs a case: episode after episode, each judged, the worst one kept."""
 
-import time
 import zlib
 from dataclasses import replace
 
 import numpy as np
 
 from benchmarks.adversary.attacks import Episode, make_episode
-from benchmarks.adversary.cases import Case, Result, law_digest
+from benchmarks.adversary.cases import Case, Result
 from benchmarks.adversary.drive import Drive, drive_exact, drive_torque
 from benchmarks.adversary.judge import Verdict
 from benchmarks.adversary.policies import drive_filter
@@ -27,18 +26,8 @@ KEPT = 4  # lineages that the search goes on with
 
 
 def run_case(case: Case) -> Result:
-    """Attacks; what went wrong otherwise is the result's `error`, not an exception."""
-    result = Result(case, law=law_digest())
-    start = time.perf_counter()
-    try:
-        _attack(case, result)
-    except Exception as error:
-        result.error = f"{type(error).__name__}: {error}"
-    result.wall = time.perf_counter() - start
-    return result
-
-
-def _attack(case: Case, result: Result) -> None:
+    """Attacks."""
+    result = Result(case=case)
     num_steps = episode_steps(case)
     rng = np.random.default_rng(_seed_of(case))
     # Nastiest first: smallest distance, and the lineage of the episode that had it.
@@ -59,7 +48,10 @@ def _attack(case: Case, result: Result) -> None:
             continue
         nearest = min(verdict.clearance, verdict.path_clearance)
         nasty = sorted([*nasty, (nearest, lineage)], key=lambda x: x[0])[:KEPT]
-        _add(result, verdict, done)
+        result.add(verdict)
+        result.add(done, ("steps", "diverged", "admitted", "unheld", "overloaded"))
+        result.episodes += 1
+        result.violated += verdict.unsafe
         if case.plant == "torque" and (verdict.unsafe or done.diverged):
             _explain(case, subject, task_set, lineage, num_steps, done, result)
         badness = _badness(verdict, done)
@@ -75,6 +67,7 @@ def _attack(case: Case, result: Result) -> None:
                 "overspeed": verdict.overspeed,
                 "diverged": done.diverged,
             }
+    return result
 
 
 def play_and_judge(
@@ -156,31 +149,6 @@ def _badness(verdict: Verdict, done: Drive) -> float:
         + 1e3 * verdict.excess * (verdict.beyond_limit + verdict.ahead > 0)
         + 1e-3 * verdict.overspeed * (verdict.too_fast > 0)
     )
-
-
-def _add(result: Result, verdict: Verdict, done: Drive) -> None:
-    result.episodes += 1
-    result.steps += done.steps
-    result.diverged += done.diverged
-    result.violated += verdict.unsafe
-    for name in (
-        *("states", "penetrating", "below", "beyond_limit", "too_fast", "ahead"),
-        *("paths", "blocked"),
-    ):
-        setattr(result, name, getattr(result, name) + getattr(verdict, name))
-    if verdict.clearance < result.clearance:
-        result.clearance, result.pair = verdict.clearance, verdict.pair
-    if verdict.path_clearance < result.path_clearance:
-        result.path_clearance = verdict.path_clearance
-        result.path_pair = verdict.path_pair
-    if verdict.excess > result.excess:
-        result.excess, result.joint = verdict.excess, verdict.joint
-    result.overspeed = max(result.overspeed, verdict.overspeed)
-    result.admitted = [
-        a + b for a, b in zip(result.admitted, done.admitted, strict=True)
-    ]
-    result.unheld += done.unheld
-    result.overloaded += done.overloaded
 
 
 def _explain(case, subject, task_set, lineage, num_steps, done, result) -> None:

@@ -12,29 +12,21 @@ The joints of the shipped robot may turn at 30 to 37 rad/s, so that within 5 ms 
 moves by 10 cm and more: `--fastest 10` bounds them for all controllers alike.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.adversary.attacks import make_episode
-from benchmarks.adversary.judge import Judge, Verdict
+from benchmarks.adversary.judge import Counts, Judge
 from benchmarks.page import Benchmark, Table, run
-from benchmarks.peers.compare import (
-    PERIOD,
-    add_only,
-    add_peer_options,
-    only,
-    recorded,
-)
 from benchmarks.peers.crossings import entries
 from benchmarks.peers.peers import MARGIN
 from benchmarks.peers.problem import ROBOT, SAMPLE, describe, write_problem
+from benchmarks.peers.runs import PERIOD, add_peer_options, only, recorded
 from crar_drake import (
     EXPERIMENTS,
     ControlModel,
@@ -72,44 +64,23 @@ HEADER = (
 
 
 @dataclass
-class Harm:
-    """What a controller did wrong in all episodes of an attack.
+class Harm(Counts):
+    """What a controller did wrong in episodes; see `Counts` for the other figures.
 
     Attributes:
         episodes, violated: how many, and those with a penetration or a joint beyond
             its limit.
-        samples: states after control steps; of them penetrating, beyond_limit,
-            too_fast, no_answer (steps), near (a pair nearer than ENOUGH).
-        clearance: the smallest distance of all [m].
-        excess: the farthest that a joint is beyond its limit [rad].
+        no_answer: steps without one.
+        near: states with a pair nearer than ENOUGH.
         acceleration: the largest of a joint, as the difference of its velocities over
             a control period [rad/s^2].
     """
 
     episodes: int = 0
     violated: int = 0
-    samples: int = 0
-    penetrating: int = 0
-    beyond_limit: int = 0
-    too_fast: int = 0
     no_answer: int = 0
     near: int = 0
-    clearance: float = np.inf
-    excess: float = 0.0
     acceleration: float = 0.0
-
-    def add(self, other: Harm) -> None:
-        """Takes another's episodes in."""
-        for name in (f.name for f in fields(Harm)):
-            mine, its = getattr(self, name), getattr(other, name)
-            value = (
-                min(mine, its)
-                if name == "clearance"
-                else max(mine, its)
-                if name in ("excess", "acceleration")
-                else mine + its
-            )
-            setattr(self, name, value)
 
 
 class Witness:
@@ -131,21 +102,18 @@ class Witness:
         q, v = result["q"], result["v"]
         step = result["time"][1] - result["time"][0]
         # No braking path: what would follow is not what a peer answers for.
-        verdict: Verdict = self.judge.judge(q, v, 0.0, np.random.default_rng(0))
+        verdict = self.judge.judge(q, v, 0.0, np.random.default_rng(0))
         beyond = np.maximum(self.judge.lower - q[1:], q[1:] - self.judge.upper)
-        return Harm(
+        harm = Harm(
             episodes=1,
             violated=int(bool(verdict.penetrating + verdict.beyond_limit)),
-            samples=verdict.states,
-            penetrating=verdict.penetrating,
-            beyond_limit=verdict.beyond_limit,
-            too_fast=verdict.too_fast,
             no_answer=int(result["no_answer"].sum()),
             near=int((self.judge.nearest(q[1:])[0] < ENOUGH).sum()),
-            clearance=verdict.clearance,
-            excess=max(0.0, float(beyond.max())),
             acceleration=float(np.abs(np.diff(v, axis=0) / step).max()),
         )
+        harm.add(verdict)
+        harm.excess = max(0.0, float(beyond.max()))  # of states, however they began
+        return harm
 
 
 def write_attacks(
@@ -200,11 +168,10 @@ def slow_down(folder: Path, fastest: float) -> None:
 def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.peers.attacked", __doc__, "attacked")
     parser = benchmark.parser
-    add_peer_options(parser, "out/attacked")
+    add_peer_options(benchmark, "out/attacked")
     parser.add_argument("--seeds", type=count, default=12, help="episodes an attack")
     parser.add_argument("--period", type=float, default=PERIOD, help="of control [s]")
     parser.add_argument("--fastest", type=positive, help="of every joint [rad/s]")
-    add_only(benchmark)
     arguments = benchmark.parse(
         argv,
         lambda given: (
@@ -214,7 +181,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     if not SAMPLE <= arguments.period <= 0.1:
         parser.error(f"--period {arguments.period}: must be from {SAMPLE} to 0.1 s")
-    folder = arguments.out.resolve() / "problem"
+    folder = arguments.out / "problem"
     write_problem(folder)
     if arguments.fastest:
         slow_down(folder, arguments.fastest)
@@ -222,9 +189,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     cases = write_attacks(folder, witness, ATTACKS, range(arguments.seeds))
     found: dict[str, dict[str, Harm]] = {}
     every = [name for names in cases.values() for name in names]
-    each = dict.fromkeys(every, arguments.period)
     chosen = only(entries(every), arguments, benchmark)
-    for entry, results in recorded(chosen, each, arguments, folder):
+    for entry, results in recorded(chosen, every, arguments, folder, arguments.period):
         found[entry.name] = {attack: Harm() for attack in cases}
         for attack, names in cases.items():
             for name in names:

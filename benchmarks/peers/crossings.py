@@ -12,7 +12,6 @@ safe. Most of the plan's numbers were chosen at once on such motions of three ro
 and on recordings of people.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -20,18 +19,16 @@ import numpy as np
 
 from benchmarks.options import seed_number
 from benchmarks.page import Benchmark, Table, run
-from benchmarks.peers.compare import (
-    PERIOD,
+from benchmarks.peers.judge import Figures, Judge
+from benchmarks.peers.peers import PEERS
+from benchmarks.peers.problem import ROBOT, ROBOTS, write_crossings, write_problem
+from benchmarks.peers.runs import (
     Entry,
-    add_only,
     add_peer_options,
     only,
     own_entries,
     recorded,
 )
-from benchmarks.peers.judge import Figures, Judge
-from benchmarks.peers.peers import PEERS
-from benchmarks.peers.problem import ROBOT, ROBOTS, write_crossings, write_problem
 from benchmarks.peers.tuning import load_settings
 from crar_drake.commands.options import count
 
@@ -52,9 +49,8 @@ HEADER = (
 
 def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.peers.crossings", __doc__, "crossings")
-    add_only(benchmark)
     parser = benchmark.parser
-    add_peer_options(parser, "out/crossings")
+    add_peer_options(benchmark, "out/crossings")
     parser.add_argument(
         "--robot", choices=tuple(ROBOTS), default=ROBOT, help="whose motions"
     )
@@ -70,17 +66,15 @@ def main(argv: Sequence[str] | None = None) -> None:
             + (", some" if given.only else "")
         ),
     )
-    folder = arguments.out.resolve() / "problem"
+    folder = arguments.out / "problem"
     first = arguments.first
     write_problem(folder, arguments.robot)
     cases = write_crossings(folder, range(first, first + arguments.seeds))
-    data = json.loads((folder / "problem.json").read_text())
-    judge = Judge(data["robot"], data["joints"], data["tasks"])
+    judge = Judge.of(folder)
     figures, in_parts = {}, {}
-    each = dict.fromkeys(cases, PERIOD)
     farther = {"lookahead, default, 5 mm": FARTHER}
     compared = only(entries(cases, **farther), arguments, benchmark)
-    for entry, found in recorded(compared, each, arguments, folder):
+    for entry, found in recorded(compared, cases, arguments, folder):
         figures[entry.name] = [judge.figures(found[case]) for case in cases]
         in_parts[entry.name] = [
             [

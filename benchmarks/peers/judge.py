@@ -1,6 +1,10 @@
 """The figures of a trajectory: one referee and one formula for all controllers."""
 
+from __future__ import annotations
+
+import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -66,6 +70,12 @@ class Judge:
         self._frames = [
             find_frame(model.plant, description.task_frames[task]) for task in tasks
         ]
+
+    @classmethod
+    def of(cls, folder: Path) -> Judge:
+        """Of the problem in a folder."""
+        data = json.loads((folder / "problem.json").read_text())
+        return cls(data["robot"], data["joints"], data["tasks"])
 
     def whole(self, q: np.ndarray) -> np.ndarray:
         """Positions (T, nq) of the shipped robot with its joints at q (T, n)."""

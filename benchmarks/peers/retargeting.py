@@ -12,7 +12,6 @@ is judged alike.
 
 import json
 import math
-import subprocess
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -23,11 +22,10 @@ import numpy as np
 from pydrake.multibody.tree import RigidBody
 from scipy.spatial.transform import Rotation
 
-from benchmarks.page import ROOT, Benchmark, Table, run
-from benchmarks.peers.compare import environment
-from benchmarks.peers.peers import ENVIRONMENTS, MARGIN
+from benchmarks.page import Benchmark, Table, run
+from benchmarks.peers.peers import MARGIN
 from benchmarks.peers.robot_files import mjcf, simplified_urdf
-from crar_drake.errors import CrarError
+from benchmarks.peers.runs import PLACE, environment, run_driver
 from crar_drake.motion.catalogue import load_performer
 from crar_drake.references.ground_contact import Outline
 from crar_drake.references.motion_files import read_motion
@@ -429,15 +427,8 @@ class Comparison:
             "settings": SETTINGS | more,
             "out": "made.npz",
         }
-        command = [self._python, "-m", "benchmarks.peers.retarget_mink"]
-        finished = subprocess.run(
-            [*command, str(self._folder), json.dumps([case])],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-        )
-        if finished.returncode:
-            raise CrarError(f"mink failed:\n{finished.stderr[-2000:]}")
+        words = str(self._folder), json.dumps([case])
+        run_driver(self._python, "retarget_mink", *words)
         data = np.load(self._folder / "made.npz")
         qpos = data["qpos"]
         order = [7 + self._joints.index(name) for name in like.joint_names]
@@ -460,8 +451,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     found: list[Figures] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        place = ROOT / "out" / "peers" / "environments"
-        python = environment(place, "mink", ENVIRONMENTS["mink"])
+        python = environment(PLACE, "mink")
         comparison = Comparison(whole_body_name(arguments.robot), folder, python)
         for motion in arguments.motions:
             for each in comparison.figures(motion):

@@ -28,14 +28,9 @@ from rich.progress import track
 
 from benchmarks.page import Benchmark, Table, run
 from benchmarks.peers.attacked import slow_down
-from benchmarks.peers.compare import (
-    add_peer_options,
-    drive,
-    environment,
-    job,
-)
-from benchmarks.peers.peers import ENVIRONMENTS, MARGIN, Peer, every
+from benchmarks.peers.peers import MARGIN, Peer, every
 from benchmarks.peers.problem import describe, write_problem
+from benchmarks.peers.runs import add_peer_options, drive, job, only
 from crar_drake import load_robot_description
 from crar_drake.commands.options import count
 from crar_drake.files import whole_file, write_whole
@@ -332,13 +327,13 @@ def cells(name: str, harm: Harm) -> list[str]:
 def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.peers.scenes", __doc__, "scenes")
     parser = benchmark.parser
-    add_peer_options(parser, "out/scenes")
+    add_peer_options(benchmark, "out/scenes")
     parser.add_argument("--seeds", type=count, default=4, help="of each kind of scene")
     parser.add_argument("--tune", action="store_true", help="choose settings anew")
-    parser.add_argument("--only", default="", help="filters whose names contain this")
-    arguments = benchmark.parse(argv, lambda given: given.only or "scenes")
-    guards = [guard for guard in GUARDS if arguments.only in guard.name]
-    out = arguments.out.resolve()
+    arguments = benchmark.parse(
+        argv, lambda given: "scenes, some" if given.only else "scenes"
+    )
+    guards, out = only(GUARDS, arguments, benchmark), arguments.out
     stages = {
         moves: Stage(out / f"problem {moves:d}", moves) for moves in (False, True)
     }
@@ -393,12 +388,7 @@ def judged(
         cases: scene to the names of its cases.
         arguments: with those of `add_peer_options`.
     """
-    python = environment(
-        arguments.environments.resolve(),
-        guard.environment,
-        ENVIRONMENTS[guard.environment],
-    )
-    runs = arguments.out.resolve() / "runs"
+    runs = arguments.out / "runs"
     found: list[dict[str, Harm]] = [{} for _ in grid]
     for moves, stage in stages.items():
         of = {scene: each for scene, each in cases.items() if SCENES[scene][0] == moves}
@@ -410,13 +400,11 @@ def judged(
             for name in each
             for i, one in enumerate(grid)
         }
-        drive(guard, {guard.environment: python}, stage.folder, list(jobs.values()))
+        results = drive(guard, arguments.environments, stage.folder, jobs)
         for scene, each in of.items():
             for i in range(len(grid)):
-                results = [dict(np.load(jobs[name, i]["out"])) for name in each]
-                found[i][scene] = together(
-                    [stage.harm(n, r) for n, r in zip(each, results, strict=True)]
-                )
+                harms = [stage.harm(name, results[name, i]) for name in each]
+                found[i][scene] = together(harms)
     return found
 
 

@@ -1,6 +1,6 @@
-"""The figures of Section IV, from the plan's outcomes and logs."""
+"""The figures of Section IV, from outcomes and logs."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +14,10 @@ from benchmarks.section_iv.plan import (
     REDUNDANCY,
     SERIES,
     VARIANTS,
-    Plan,
 )
-from benchmarks.section_iv.simulate import Outcome
+from benchmarks.section_iv.simulate import Outcomes
 from benchmarks.section_iv.snapshots import SnapshotRenderer
-from benchmarks.sweep.figures import clip_label
+from benchmarks.sweep.cases import clip_label
 from crar_drake.law.parameters import LEVELS
 from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.log import SimulationLog
@@ -32,27 +31,12 @@ COLOURS = {
     "inertia": "tab:purple",
     "less-damping": "tab:pink",
 }
+# Fields of results, what they are, and a factor to their units.
+ERROR = ("rms_task_error", "rms task error [mm]", 1e3)
+POWER = ("mean_power", "average absolute power [W]", 1.0)
 _HANDS = "left_hand - right_hand"
 _SNAPSHOTS = 8
 _POINTS = 600  # of a curve in a figure
-
-
-@dataclass(frozen=True)
-class Bars:
-    """The numbers of a bar chart.
-
-    Attributes:
-        quantity, unit: what is shown.
-        motions: labels of the groups.
-        series: keys of LABELS.
-        values: (motions, series); NaN where a simulation failed.
-    """
-
-    quantity: str
-    unit: str
-    motions: tuple[str, ...]
-    series: tuple[str, ...]
-    values: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -79,32 +63,6 @@ def frame_samples(log: SimulationLog, frame_rate: float) -> np.ndarray:
     frames = np.arange(0.0, log.time[-1] + 1e-9, 1.0 / frame_rate)
     step = (log.time[-1] - log.time[0]) / (len(log.time) - 1)
     return np.minimum(np.round(frames / step).astype(int), len(log.time) - 1)
-
-
-def bars(
-    plan: Plan,
-    outcomes: Mapping[str, Outcome],
-    experiment: str,
-    field: str,
-    quantity: str,
-    unit: str,
-    factor: float = 1.0,
-    series: Sequence[str] = tuple(SERIES),
-) -> Bars:
-    """A field of the results, by motion and series."""
-    by_key = {
-        (o.simulation.motion, o.simulation.experiment, o.simulation.series): o
-        for o in outcomes.values()
-    }
-    values = [
-        [
-            factor * getattr(by_key[motion, experiment, name].result, field)
-            for name in series
-        ]
-        for motion in plan.motions
-    ]
-    labels = tuple(clip_label(motion) for motion in plan.motions)
-    return Bars(quantity, unit, labels, tuple(series), np.array(values))
 
 
 def draw_violations(log: SimulationLog, frame_rate: float) -> Figure:
@@ -213,20 +171,39 @@ def draw_distances(
     return figure
 
 
-def draw_bars(data: Bars) -> Figure:
-    """Figs. 4 to 7: a group per motion, a bar per series."""
+def draw_bars(
+    data: Outcomes,
+    experiment: str,
+    quantity: tuple[str, str, float],
+    series: Sequence[str] = tuple(SERIES),
+) -> Figure:
+    """Figs. 4 to 7: a group per motion, a bar per series.
+
+    Args:
+        data: every simulation succeeded.
+        experiment: EXPERIMENT_1 or EXPERIMENT_2.
+        quantity: ERROR or POWER.
+        series: keys of LABELS.
+    """
+    field, label, factor = quantity
+    motions = data.plan.motions
     figure = Figure(figsize=(8.6, 3.2), layout="constrained")
     ax = figure.subplots()
-    width = 0.8 / len(data.series)
-    for i, name in enumerate(data.series):
-        x = np.arange(len(data.motions)) + (i - 0.5 * (len(data.series) - 1)) * width
+    width = 0.8 / len(series)
+    for i, name in enumerate(series):
+        results = [data.of(motion, experiment, name).result for motion in motions]
+        x = np.arange(len(motions)) + (i - 0.5 * (len(series) - 1)) * width
         drawn = ax.bar(
-            x, data.values[:, i], 0.9 * width, color=COLOURS[name], label=LABELS[name]
+            x,
+            [factor * getattr(result, field) for result in results],
+            0.9 * width,
+            color=COLOURS[name],
+            label=LABELS[name],
         )
         ax.bar_label(drawn, fmt="%.0f", fontsize="x-small", padding=1)
-    ax.set_xticks(np.arange(len(data.motions)), data.motions)
-    ax.set_ylabel(f"{data.quantity} [{data.unit}]")
-    ax.legend(fontsize="small", frameon=False, ncols=len(data.series))
+    ax.set_xticks(np.arange(len(motions)), map(clip_label, motions))
+    ax.set_ylabel(label)
+    ax.legend(fontsize="small", frameon=False, ncols=len(series))
     ax.margins(y=0.15)
     _clean(ax)
     return figure
@@ -270,23 +247,21 @@ def draw_torque_spikes(velocity: SimulationLog, acceleration: SimulationLog) -> 
     return figure
 
 
-def draw_damping(plan: Plan, outcomes: Mapping[str, Outcome]) -> Figure:
+def draw_damping(data: Outcomes) -> Figure:
     """The sweep over lambda: task error and power, both levels, with and without W."""
     figure = Figure(figsize=(8.6, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)
+    factors = data.plan.damping_factors
     for level in LEVELS:
         for constraints, style in (("paper", "o-"), ("none", "o:")):
-            points = [
-                outcomes[plan.damping[level, constraints, value]].result
-                for value in plan.damping_factors
-            ]
+            points = [data.damped(level, constraints, value) for value in factors]
             label = LABELS[level] + ("" if constraints == "paper" else ", W = I")
             for ax, values in (
                 (left, [1e3 * p.rms_task_error for p in points]),
                 (right, [p.mean_power for p in points]),
             ):
                 ax.plot(
-                    plan.damping_factors,
+                    factors,
                     values,
                     style,
                     color=COLOURS[level],
@@ -296,7 +271,7 @@ def draw_damping(plan: Plan, outcomes: Mapping[str, Outcome]) -> Figure:
     for ax, label in ((left, "rms task error [mm]"), (right, "mean power [W]")):
         ax.set_xscale("log")
         ax.set_yscale("log")
-        ax.set_xticks(plan.damping_factors, [f"{v:g}" for v in plan.damping_factors])
+        ax.set_xticks(factors, [f"{v:g}" for v in factors])
         ax.minorticks_off()
         ax.set_xlabel("λ [m]")
         ax.set_ylabel(label)
@@ -306,51 +281,35 @@ def draw_damping(plan: Plan, outcomes: Mapping[str, Outcome]) -> Figure:
 
 
 def all_figures(
-    plan: Plan,
-    outcomes: Mapping[str, Outcome],
-    log: Callable[[str, str], SimulationLog],
-    frame_rate: float,
+    data: Outcomes, log: Callable[[str, str], SimulationLog], frame_rate: float
 ) -> dict[str, Callable[[], Figure]]:
     """Every figure by the name of its file, drawn when called.
 
     Args:
-        plan, outcomes: of the reproduction.
+        data: of the reproduction.
         log: loads the dance's log of an experiment and a series.
         frame_rate: of the dance [1/s].
     """
-    figures: dict[str, Callable[[], Figure]] = {
-        "figure-2": lambda: draw_violations(log(EXPERIMENT_1, "raw"), frame_rate)
-    }
-    for name in SERIES:
-        figures[f"figure-3-{name}"] = lambda name=name: draw_distances(
-            log(EXPERIMENT_2, name), log(EXPERIMENT_2, "raw"), LABELS[name], frame_rate
-        )
-    for number, data in bar_data(plan, outcomes).items():
-        figures[number] = lambda data=data: draw_bars(data)
-    figures["torque-spikes"] = lambda: draw_torque_spikes(
-        log(EXPERIMENT_1, "velocity"), log(EXPERIMENT_1, "acceleration")
-    )
-    figures["damping"] = lambda: draw_damping(plan, outcomes)
-    return figures
-
-
-def bar_data(plan: Plan, outcomes: Mapping[str, Outcome]) -> dict[str, Bars]:
-    """The numbers of Figs. 4 to 7 and of the variants, by the name of the figure."""
-    error = ("rms_task_error", "rms task error", "mm", 1e3)
-    power = ("mean_power", "average absolute power", "W", 1.0)
     both = ("acceleration", *VARIANTS)
-
-    def data(experiment: str, what: tuple, series=tuple(SERIES)) -> Bars:
-        field, quantity, unit, factor = what
-        return bars(plan, outcomes, experiment, field, quantity, unit, factor, series)
-
     return {
-        "figure-4": data(EXPERIMENT_1, error),
-        "figure-5": data(EXPERIMENT_1, power),
-        "figure-6": data(EXPERIMENT_2, error),
-        "figure-7": data(EXPERIMENT_2, power),
-        "variants-error": data(EXPERIMENT_1, error, both),
-        "variants-power": data(EXPERIMENT_1, power, both),
+        "figure-2": lambda: draw_violations(log(EXPERIMENT_1, "raw"), frame_rate),
+        **{
+            f"figure-3-{name}": lambda name=name: draw_distances(
+                *(log(EXPERIMENT_2, name), log(EXPERIMENT_2, "raw")),
+                *(LABELS[name], frame_rate),
+            )
+            for name in SERIES
+        },
+        "figure-4": lambda: draw_bars(data, EXPERIMENT_1, ERROR),
+        "figure-5": lambda: draw_bars(data, EXPERIMENT_1, POWER),
+        "figure-6": lambda: draw_bars(data, EXPERIMENT_2, ERROR),
+        "figure-7": lambda: draw_bars(data, EXPERIMENT_2, POWER),
+        "variants-error": lambda: draw_bars(data, EXPERIMENT_1, ERROR, both),
+        "variants-power": lambda: draw_bars(data, EXPERIMENT_1, POWER, both),
+        "torque-spikes": lambda: draw_torque_spikes(
+            log(EXPERIMENT_1, "velocity"), log(EXPERIMENT_1, "acceleration")
+        ),
+        "damping": lambda: draw_damping(data),
     }
 
 

@@ -6,7 +6,7 @@ A plan is a list of simulations, each a whole scenario with a name.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from benchmarks.sweep.figures import clip_label
+from benchmarks.sweep.cases import clip_label
 from crar_drake.errors import CrarError
 from crar_drake.law.parameters import (
     LEVELS,

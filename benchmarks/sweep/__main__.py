@@ -5,24 +5,26 @@
 The same command continues a sweep that was stopped.
 """
 
-import argparse
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+from benchmarks.kept_cases import run_cases, source_digest
+from benchmarks.options import add_duration, list_of, one_of
+from benchmarks.page import Benchmark
+from benchmarks.page import run as run_command
 from benchmarks.sweep.cases import (
-    Case,
+    Result,
+    default_scenario,
+    failed,
     find_motions,
     make_cases,
     parameters_of,
-    read_results,
-    run_sweep,
-    settings_path,
+    run_case,
 )
-from benchmarks.sweep.command import add_duration, list_of, one_of, sweep_bar
-from benchmarks.sweep.report import failures, sweep_tables
-from crar_drake.commands import answer
+from benchmarks.sweep.tables import failures, headline, sweep_tables
 from crar_drake.commands.options import (
     CONSTRAINTS,
     CONSTRAINTS_HELP,
@@ -31,26 +33,19 @@ from crar_drake.commands.options import (
     LEVEL_HELP,
     LEVELS,
     MOTION_HELP,
-    Parser,
     UsageError,
     add_frame_rate,
     add_jobs,
-    add_what_runs,
     positive,
 )
-from crar_drake.commands.output import OUT, continuing
-from crar_drake.files import check_file
-from crar_drake.simulation.scenario import Scenario, load_scenario
+from crar_drake.fresh_processes import given_or_fresh
+from crar_drake.simulation.scenario import load_scenario
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line; the exit code is as of `crar-drake`."""
-    parser = Parser(
-        prog="python -m benchmarks.sweep",
-        description="Simulate many motions and count their violations. The same "
-        "command continues a sweep that was stopped.",
-    )
-    add_what_runs(parser, run)
+def main(argv: Sequence[str] | None = None) -> None:
+    """Runs what is not finished yet, and tells all of it."""
+    benchmark = Benchmark("benchmarks.sweep", __doc__, "sweep")
+    parser = benchmark.parser
     parser.add_argument(
         "paths",
         nargs="+",
@@ -63,25 +58,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         default="both",
         help=f"{EXPERIMENT_HELP}; both: the first two (default: %(default)s)",
     )
-    for name, known, text in (
-        ("constraints", CONSTRAINTS, CONSTRAINTS_HELP),
-        ("level", LEVELS, LEVEL_HELP),
+    for name, convert, text in (
+        ("constraints", one_of(CONSTRAINTS), CONSTRAINTS_HELP),
+        ("level", one_of(LEVELS), LEVEL_HELP),
+        ("period", positive, "time between two computations of the torque [s]"),
     ):
         parser.add_argument(
             f"--{name}",
-            type=list_of(one_of(known)),
+            type=list_of(convert),
             action="extend",
             metavar=f"{name[0].upper()}[,{name[0].upper()}...]",
             help=f"{text}; one or several (default: the scenario's)",
         )
-    parser.add_argument(
-        "--period",
-        type=list_of(positive),
-        action="extend",
-        metavar="S[,S...]",
-        help="time between two computations of the torque [s], one or several "
-        "(default: the scenario's)",
-    )
     add_duration(parser)
     add_frame_rate(parser)
     parser.add_argument(
@@ -94,22 +82,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--out",
         type=Path,
         metavar="FILE",
-        default=OUT / "sweep" / "results.csv",
-        help="table of the results; a .yaml (what they have in common) goes beside it "
-        "(default: %(default)s)",
+        default=Path("out/sweep/results.json"),
+        help="the results (default: %(default)s)",
     )
-    return answer(parser, argv)
-
-
-def run(arguments: argparse.Namespace) -> None:
-    """Does what the arguments say."""
-    out: Path = arguments.out
-    if out.suffix != ".csv" or out.is_dir():
-        raise UsageError(f"--out: {out} must be a file that ends in .csv")
-
-    if arguments.scenario is None:
-        scenario = Scenario(motion="dance", experiment="wrists")
-    else:
+    arguments = benchmark.parse(
+        argv, lambda given: Path(given.scenario or "defaults").stem
+    )
+    scenario = default_scenario()
+    if arguments.scenario is not None:
         scenario = load_scenario(arguments.scenario)
     if arguments.duration is not None:
         scenario.duration = arguments.duration
@@ -127,30 +107,26 @@ def run(arguments: argparse.Namespace) -> None:
             "constraints lookahead work on accelerations; use --level acceleration, "
             "or other --constraints"
         )
-    _check_settings(scenario, cases)
-    finished = {result.case for result in read_results(out) if not result.error}
-    scenario.skeleton = ""  # it belongs to the scenario's motion
-    for path in (out, settings_path(out)):
-        check_file(path)
-
-    kept = len(finished.intersection(cases))
-    with continuing(out), sweep_bar(kept, len(cases)) as progress:
-        results = run_sweep(
-            cases, out, scenario=scenario, jobs=arguments.jobs, progress=progress
-        )
-    for table in sweep_tables(results):
-        print(table.markdown())
-    for line in failures(results):
-        print(f"failed: {line}", file=sys.stderr)
-    print(out)
-
-
-def _check_settings(scenario: Scenario, cases: Iterable[Case]) -> None:
-    """A wrong setting is reported before hours of simulation, not by every case."""
+    # A wrong setting is reported before hours of simulation, not by every case.
     for case in {replace(case, motion="", experiment="") for case in cases}:
-        controller = parameters_of(case, scenario.controller)
-        replace(scenario, controller=controller).validate()
+        replace(scenario, controller=parameters_of(case, controller)).validate()
+    scenario.skeleton = ""  # it belongs to the scenario's motion
+    text = scenario.to_yaml()
+    results = run_cases(
+        partial(run_case, scenario=text),
+        cases,
+        arguments.out,
+        given_or_fresh(None, arguments.jobs),
+        made_of=source_digest(Path(__file__).parent, settings=text),
+        parse=lambda each: Result(**each),
+        failed=failed,
+        headline=headline,
+    )
+    benchmark.report(sweep_tables(results))
+    for line in failures(results):
+        print(line, file=sys.stderr)
+    print(arguments.out)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_command(main)

@@ -174,7 +174,7 @@ def MakeCrarDiagram(
     except RuntimeError as error:
         raise ScenarioError(f"plant_config: {error}") from error
     add_robot(plant, description)
-    _lift_limits(plant, scenario.simulated_robot)
+    lift_limits(plant, scenario.simulated_robot)
     law = None
     if scenario.standing is not None:
         friction = scenario.standing.friction
@@ -261,7 +261,7 @@ def MakeSimulator(scenario: Scenario, diagram: Diagram) -> Simulator:
     return simulator
 
 
-def _lift_limits(plant: MultibodyPlant, simulated: SimulatedRobot) -> None:
+def lift_limits(plant: MultibodyPlant, simulated: SimulatedRobot) -> None:
     """Takes off what would hide a violation, unless the scenario keeps it."""
     if not simulated.position_limits:
         for index in plant.GetJointIndices():

@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 
-from benchmarks.peers.compare import PERIOD
 from benchmarks.peers.crossings import FARTHER, by_time, error_within, row
 from benchmarks.peers.driver import Problem, run
 from benchmarks.peers.judge import Judge
 from benchmarks.peers.peers import PAPER
 from benchmarks.peers.problem import write_crossings, write_problem
 from benchmarks.peers.run_crar import Crar
+from benchmarks.peers.runs import PERIOD
 
 
 def test_hands_that_cross_are_followed_more_closely_and_hardly_less_calmly(tmp_path):

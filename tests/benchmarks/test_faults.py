@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.fault_cases import Fault, Moment
 from benchmarks.faults import (
-    Fault,
-    Moment,
+    DEFAULTS,
     base_scenario,
     make_faults,
     run_fault,
@@ -34,7 +34,7 @@ def test_fault_end_to_end(short):
     (outcome,) = run_fault(scenario, HEAVY)
     run = run_scenario(replace(scenario, disturbances=HEAVY.disturbances), record=False)
     assert outcome.where == "boxing wrists"
-    assert outcome.remedy == ""
+    assert outcome.remedy is DEFAULTS
     assert outcome.violated == 0
     assert outcome.samples == 301  # every step of the plant, at a period of 5 ms
     assert outcome.smallest_distance == pytest.approx(run.log.signed_distances.min())

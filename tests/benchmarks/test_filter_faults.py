@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from benchmarks.fault_cases import Fault
 from benchmarks.filter_faults import (
     PERIOD,
-    FilterFault,
     filter_table,
     make_filter,
     run_filter_fault,
     stated_errors,
 )
-from crar_drake.simulation.disturbances import Push
+from crar_drake.simulation.disturbances import Disturbances, Push
 
 E = 0.02
 
@@ -35,17 +35,17 @@ def test_errors_are_those_of_stiffness_masses_pushes_and_delays(filter):
     light, heavy, pushed, late = (
         run_filter_fault(filter, E, wanted, fault, "swing")
         for fault in (
-            FilterFault("light", mass_scale=0.2),
-            FilterFault("heavy", mass_scale=2.0),
-            FilterFault("pushed", pushes=(push,)),
-            FilterFault("late", late_commands=0.03),
+            Fault("light", "", Disturbances(0.2)),
+            Fault("heavy", "", Disturbances(2.0)),
+            Fault("pushed", "", Disturbances(pushes=[push])),
+            Fault("late", late_commands=0.03),
         )
     )
     assert light.error < heavy.error and light.error < pushed.error
     # A lag of 30 ms at up to 1.9 rad/s; E of slides is a tenth.
     assert 1.0 < late.error < 0.03 * 1.9 / E + 1.0
     assert late.joint == "left_shoulder_roll" and late.braked > 0
-    assert light.braked == 0 and light.periods == 60 and light.steps == 300
+    assert light.braked == 0 and light.periods == 60 and light.samples == 300
     assert all(o.violated == 0 for o in (light, heavy, pushed, late))
     allowed = stated_errors(filter, E)
     assert set(allowed.round(12)) == {E, 0.1 * E}
@@ -53,7 +53,8 @@ def test_errors_are_those_of_stiffness_masses_pushes_and_delays(filter):
 
 def test_noise_beyond_the_error_stops_the_robot(filter):
     wanted = swing(filter, 40)
-    noisy = run_filter_fault(filter, E, wanted, FilterFault("", noise=0.1), "swing")
+    noise = Fault("", "", Disturbances(position_noise=0.1))
+    noisy = run_filter_fault(filter, E, wanted, noise, "swing")
     assert noisy.braked > 30
     table = filter_table([noisy], E, 0.004)
     assert table.rows[0][4] == f"{noisy.braked} of 40"

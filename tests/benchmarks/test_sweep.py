@@ -1,52 +1,16 @@
-"""The sweep: what is run, what is kept, and what is told of it."""
+"""The sweep: what is run, and what is told of it."""
 
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from benchmarks.sweep.__main__ import main
-from benchmarks.sweep.cases import (
-    Case,
-    Result,
-    make_cases,
-    read_results,
-    run_case,
-    run_sweep,
-)
-from benchmarks.sweep.report import sweep_tables
+from benchmarks.sweep.cases import Case, Result, make_cases, run_case
+from benchmarks.sweep.tables import sweep_tables
 from crar_drake import fresh_processes
-from crar_drake.errors import CrarError
 from crar_drake.law.parameters import PaperParameters
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario
-
-CASES = make_cases(["a", "b", "c"], constraints=["paper", "lookahead"])
-
-
-def made_up(case: Case, **changes) -> Result:
-    """A result with figures that a file must not round, and words that CSV quotes."""
-    figures = {
-        "duration": 1.0,
-        "samples": 1001,
-        "smallest_distance": 0.1 + 0.2,
-        "smallest_pair": 'left, "hand" - right',
-        "rms_task_error": 1.0 / 3.0,
-    }
-    return Result(**vars(case), **(figures | changes))
-
-
-class Counting(Executor):
-    """Makes results up instead of simulating, and knows what it was asked for."""
-
-    def __init__(self) -> None:
-        self.cases: list[Case] = []
-
-    def submit(self, function, case, scenario):
-        assert function is run_case
-        self.cases.append(case)
-        future = Future()
-        future.set_result(made_up(case))
-        return future
 
 
 def test_a_case_is_judged_at_every_step_of_the_plant(monkeypatch):
@@ -76,25 +40,11 @@ def test_a_case_is_judged_at_every_step_of_the_plant(monkeypatch):
     assert result.largest_excess == pytest.approx(run.summary.largest_excess)
 
 
-def test_what_is_finished_is_kept_and_a_line_that_was_cut_off_run_again(tmp_path):
-    out = tmp_path / "results.csv"
-    results = run_sweep(CASES, out, executor=Counting())
-    last = read_results(out)[-1]
-    assert {repr(r) for r in read_results(out)} == {repr(r) for r in results}
-    whole = out.read_text()
-    out.write_text(whole[:-10])
-    counting = Counting()
-    run_sweep(CASES, out, executor=counting)
-    assert counting.cases == [last.case]
-    assert out.read_text() == whole
-    out.write_text("name,age\nx,3\n")
-    with pytest.raises(CrarError, match="not a sweep's file"):
-        run_sweep(CASES, out, executor=counting)
-
-
 def test_the_tables_have_a_column_a_mode_and_a_row_a_clip():
+    figures = {"duration": 1.0, "samples": 1001, "rms_task_error": 1.0 / 3.0}
     results = [
-        made_up(case, penetrating=25 * (case.constraints == "paper")) for case in CASES
+        Result(**vars(c), **figures, penetrating=25 * (c.constraints == "paper"))
+        for c in make_cases(["a", "b", "c"], constraints=["paper", "lookahead"])
     ]
     modes, _, clips, _ = sweep_tables(results)  # of wrists, of the upper body
     assert modes.columns == ["", "paper, 1 ms", "lookahead, 1 ms"]
@@ -107,12 +57,16 @@ def test_the_tables_have_a_column_a_mode_and_a_row_a_clip():
 def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(fresh_processes, "FreshProcesses", ThreadPoolExecutor)
-    argv = "dance --experiment wrists --jobs 1 --period 0.005 --out it/all.csv".split()
-    assert main([*argv, "--constraints", "paper,lookahead", "--duration", "0.1"]) == 0
+    argv = "dance --experiment wrists --jobs 1 --period 0.005 --out it/all.json".split()
+    argv += ["--constraints", "paper,lookahead", "--duration"]
+    main([*argv, "0.1"])
     printed = capsys.readouterr()
     assert "### Modes, wrists" in printed.out and "2/2" in printed.err
-    assert printed.out.splitlines()[-1] == "it/all.csv"
-    assert [r.duration for r in read_results("it/all.csv")] == pytest.approx([0.1] * 2)
-    # What differs between the results' scenarios is not in the results.
-    assert main([*argv, "--duration", "0.2"]) == 2
-    assert "another --scenario, --duration or --frame-rate" in capsys.readouterr().err
+    assert "| dance | 0.1 s |" in printed.out
+    assert printed.out.splitlines()[-1] == "it/all.json"
+    kept = (tmp_path / "it" / "all.json").read_text()
+    main([*argv, "0.1"])  # finds all that the first left
+    assert (tmp_path / "it" / "all.json").read_text() == kept
+    # What all cases have in common belongs to the results.
+    main([*argv, "0.2"])
+    assert "| dance | 0.2 s |" in capsys.readouterr().out

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
 from benchmarks.options import (
@@ -22,7 +21,12 @@ from crar_drake.results.summary import controlled_joints
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
 from crar_drake.run import make_log
-from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
+from crar_drake.simulation.diagram import (
+    MakeCrarDiagram,
+    MakeSimulator,
+    PrepareScenario,
+    Setup,
+)
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.targets.desired_motion import DesiredMotion
 
@@ -156,8 +160,7 @@ def recover(start: Start, base: Scenario) -> Recovery:
     )
     setup = Setup(model, motion, q)
     diagram = MakeCrarDiagram(base, setup=setup)
-    simulator = Simulator(diagram)
-    ApplySimulatorConfig(base.simulator_config, simulator)
+    simulator = MakeSimulator(base, diagram)
     simulator.AdvanceTo(_DURATION)
     log = make_log(base, setup, diagram, simulator.get_context())
     return judge(start, log, model)

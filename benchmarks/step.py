@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numba
 import numpy as np
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from benchmarks.options import (
     add_preview_option,
@@ -33,7 +32,11 @@ from crar_drake.law.parameters import CONSTRAINTS, PaperParameters
 from crar_drake.results import RECORDING
 from crar_drake.results.playback import record_logs
 from crar_drake.run import make_log, run_scenario
-from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario
+from crar_drake.simulation.diagram import (
+    MakeCrarDiagram,
+    MakeSimulator,
+    PrepareScenario,
+)
 from crar_drake.simulation.scenario import Scenario
 
 MODES = ("paper", "lookahead")
@@ -133,8 +136,7 @@ def time_simulation(scenario: Scenario, recording: bool) -> tuple[float, float, 
     """
     setup = PrepareScenario(scenario)
     diagram = MakeCrarDiagram(scenario, setup=setup)
-    simulator = Simulator(diagram)
-    ApplySimulatorConfig(scenario.simulator_config, simulator)
+    simulator = MakeSimulator(scenario, diagram)
     simulator.Initialize()
     start, cpu_start = time.perf_counter(), time.process_time()
     simulator.AdvanceTo(scenario.duration)

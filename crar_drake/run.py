@@ -194,24 +194,64 @@ def run_scenario(
             try:
                 lowest = _lowest(scenario, setup, log)
             except ModuleNotFoundError as error:
-                warnings.append(without_meshes(error))
-        summary = summary_of(
-            log,
-            logged,
-            setup,
-            stopped,
+                warnings.append(_without_meshes(error))
+        result = finish(
+            *(log, logged, setup, out, interrupts, stopped),
+            record=record,
+            duration=f" of {duration:g} s",
             wall_time=wall_time,
             motion=report,
             warnings=warnings,
             limbs=limb_directions(log, setup.model, performer, blended),
             lowest=lowest,
         )
-        result = RunResult(log, summary, setup)
-        if out is None:
-            interrupts.release()
-            return result
-        missing = write_run(out, result, record, interrupts)
-    tell_end(result, out, stopped, missing, f" of {duration:g} s")
+    return result
+
+
+def finish(
+    log: SimulationLog,
+    scenario: Scenario,
+    setup: Setup,
+    out: Path | None,
+    interrupts: Interrupts,
+    stopped: BaseException | None,
+    *,
+    record: bool = True,
+    note: str = "",
+    duration: str = "",
+    **known,
+) -> RunResult:
+    """The figures of a run; its files, and what is to be said where it is not whole.
+
+    Args:
+        log: its samples.
+        scenario: as the log names it.
+        setup: what the run was made of.
+        out: folder to write into; None writes nothing.
+        interrupts: held; another Ctrl-C leaves it at what is there, the log at least.
+        stopped: what ended it before its time, if anything did.
+        record: whether to make the recording.
+        note: of the recording's caption.
+        duration: that it was to have, in words.
+        known: further arguments of `summarize`.
+
+    Raises:
+        RunFailed: something stopped the simulation, or a file cannot be written.
+        RunInterrupted: not all was waited for.
+    """
+    model, stood = setup.model, None
+    if scenario.standing is not None:
+        stood = stance(log, setup.simulated, scenario.standing.friction)
+    obstacles = judge_obstacles(
+        log, scenario, model.plant, model.scene_graph, model.description.pairs
+    )
+    summary = summarize(log, obstacles=obstacles, stance=stood, **known)
+    result = RunResult(log, replace(summary, stopped=_reason_of(stopped)), setup)
+    if out is None:
+        interrupts.release()
+        return result
+    missing = _write_run(out, result, record, interrupts, note)
+    _tell_end(result, out, stopped, missing, duration)
     return result
 
 
@@ -321,29 +361,6 @@ def make_log(
     )
 
 
-def summary_of(
-    log: SimulationLog,
-    scenario: Scenario,
-    setup: Setup,
-    stopped: BaseException | None,
-    **known,
-) -> Summary:
-    """The figures of a run, with what judges say of obstacles and of how it stood.
-
-    Args:
-        stopped: what ended the run before its time, if anything did.
-        known: further arguments of `summarize`.
-    """
-    model, stood = setup.model, None
-    if scenario.standing is not None:
-        stood = stance(log, setup.simulated, scenario.standing.friction)
-    obstacles = judge_obstacles(
-        log, scenario, model.plant, model.scene_graph, model.description.pairs
-    )
-    summary = summarize(log, obstacles=obstacles, stance=stood, **known)
-    return replace(summary, stopped=reason_of(stopped))
-
-
 def log_sinks(diagram: Diagram) -> dict[str, VectorLogSink]:
     """What logs of a diagram of `MakeCrarDiagram` are made of, by name."""
     names = ("state", "desired_tasks", "diagnostics", "obstacles")
@@ -379,7 +396,7 @@ def _lowest(
     return lowest_point(log, WholeBody(model.description), blended)
 
 
-def without_meshes(error: ModuleNotFoundError) -> str:
+def _without_meshes(error: ModuleNotFoundError) -> str:
     """What is not known without the library that reads meshes."""
     return (
         f"how the robot stood is not known without {error.name}: "
@@ -411,12 +428,12 @@ def _simulate(
             raise KeyboardInterrupt
 
 
-def write_run(
+def _write_run(
     out: Path,
     result: RunResult,
     record: bool,
     interrupts: Interrupts,
-    note: str = "",
+    note: str,
 ) -> list[BaseException]:
     """Writes a run's files, and adds to `result.files` what is there.
 
@@ -466,7 +483,7 @@ def write_run(
     return missing
 
 
-def reason_of(stopped: BaseException | None) -> str:
+def _reason_of(stopped: BaseException | None) -> str:
     """Why a run stopped, for its summary."""
     if stopped is None:
         return ""
@@ -476,27 +493,21 @@ def reason_of(stopped: BaseException | None) -> str:
     return f"{name}{stopped}"
 
 
-def tell_end(
+def _tell_end(
     result: RunResult,
     out: Path,
     stopped: BaseException | None,
     missing: list[BaseException],
-    duration: str = "",
+    duration: str,
 ) -> None:
-    """Raises what is to be said of a run that is not whole; else nothing.
-
-    Args:
-        stopped: what ended it before its time, if anything did.
-        missing: why files were not written, of `write_run`.
-        duration: that it was to have, in words.
-    """
+    """Raises what is to be said of a run that is not whole; else nothing."""
     if stopped is None and not missing:
         return
     parts = []
     interrupted = isinstance(stopped, KeyboardInterrupt)
     if stopped is not None:
         reached = f"at {result.log.time[-1]:.3f} s{duration}"
-        parts.append(reached if interrupted else f"{reason_of(stopped)} ({reached})")
+        parts.append(reached if interrupted else f"{_reason_of(stopped)} ({reached})")
     for error in missing:
         if isinstance(error, WriteError):
             parts.append(str(error))

@@ -26,14 +26,13 @@ from pydrake.geometry import (
     RenderEngineVtkParams,
     Rgba,
 )
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from crar_drake.files import whole_file
 from crar_drake.robot.description import add_robot, load_robot_description
-from crar_drake.simulation.visuals import look_from
 
 _FLOOR = np.array([0.80, 0.85, 0.87])
 _OVERSAMPLING = 3  # the picture is rendered larger and averaged: smooth edges
@@ -46,6 +45,29 @@ def _set_posture(
     for name, value in posture.items():
         q[plant.GetJointByName(name).position_start()] = value
     plant.SetPositions(context, q)
+
+
+def look_from(
+    yaw: float, pitch: float, distance: float, target: np.ndarray
+) -> RigidTransform:
+    """X_WC of a camera that looks at a point; z is its viewing axis.
+
+    Args:
+        yaw, pitch: azimuth about world z and elevation of the camera as seen from
+            the point [rad]; yaw 0 is on the +x axis.
+        distance: from the point [m].
+        target: (3,) the point [m].
+    """
+    direction = np.array(
+        [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
+    )
+    z = -direction
+    x = np.cross(z, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    return RigidTransform(
+        RotationMatrix(np.column_stack([x, np.cross(z, x), z])),
+        target + distance * direction,
+    )
 
 
 def render(

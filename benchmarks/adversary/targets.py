@@ -33,9 +33,7 @@ def chirp(
     return s, omega * c, slope * c - omega**2 * s
 
 
-def steps(
-    time: np.ndarray, values: np.ndarray, times: np.ndarray, slopes: float = 0.0
-) -> Path:
+def steps(time: np.ndarray, values: np.ndarray, times: np.ndarray) -> Path:
     """Values (S, ...) that hold from the times (S,) on; v and a are 0."""
     at = np.maximum(np.searchsorted(times, time, side="right") - 1, 0)
     p = values[at]

@@ -3,7 +3,7 @@
     python -m benchmarks.peers.crossings --seeds 36
         [--page docs/measurements/crossings.md]
 
-The motions are `motions.random_crossings` of the shipped upper body, or of another
+The motions are `motions.random_crossing` of the shipped upper body, or of another
 robot of `problem.ROBOTS`. The peers keep the settings that `compare --tune` chose for
 hands of the upper body swung through each other; of ours there is the default, as it
 comes, and with a margin of which 5 mm are left for certain, and the paper's law, made

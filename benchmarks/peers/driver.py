@@ -16,7 +16,6 @@ the state to having the answer, with everything that the controller needs to upd
 """
 
 import argparse
-import hashlib
 import json
 import platform
 import time
@@ -234,23 +233,6 @@ class Guard(Controller):
         return done | {"time": data["time"]}
 
 
-def made_of(job: dict, problem: Path) -> str:
-    """What a job's result depends on: its settings, the robot's pairs and its case."""
-    digest = hashlib.sha256(json.dumps(job | {"out": ""}, sort_keys=True).encode())
-    digest.update((problem / "problem.json").read_bytes())
-    for _, array in sorted(dict(np.load(problem / f"{job['case']}.npz")).items()):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
-
-
-def is_recorded(job: dict, problem: Path) -> bool:
-    """Whether the job may keep what it made, and that is still what it would make."""
-    if not job.get("keep") or not Path(job["out"]).is_file():
-        return False
-    with np.load(job["out"]) as held:
-        return str(held["made_of"]) == made_of(job, problem)
-
-
 def main(make: type[Controller]) -> None:
     """Command line of a driver: runs a list of jobs, one after the other."""
     parser = argparse.ArgumentParser()
@@ -259,15 +241,12 @@ def main(make: type[Controller]) -> None:
     arguments = parser.parse_args()
     problem = Problem(arguments.problem)
     for job in json.loads(arguments.jobs):
-        if is_recorded(job, arguments.problem):
-            continue
         controller = make(problem, job["period"], job["settings"])
         result = controller.record(
             arguments.problem / f"{job['case']}.npz", job["period"], job.get("seconds")
         )
         np.savez(
             job["out"],
-            made_of=made_of(job, arguments.problem),
             versions=json.dumps(
                 {"python": platform.python_version()}
                 | {name: version(name) for name in make.packages}

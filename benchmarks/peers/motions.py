@@ -4,7 +4,7 @@ Written as formulas in joint space, so that all seven task points are consistent
 the robot at every instant: whatever error is left is the constraints' doing. The
 joint path is q(t) = q_from + w(t) (q_to - q_from) + u(t) A sin(2 pi f (t - t0)), with
 two smooth steps w and u, and its derivatives are those of this formula.
-`random_crossings` draws such motions, for any robot.
+`random_crossing` draws such motions, for any robot.
 """
 
 from collections.abc import Callable
@@ -102,26 +102,24 @@ class JointMotion:
         return q + self.q_from, v, a
 
 
-def random_crossings(
+def random_crossing(
     seed: int,
     rest: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
     smallest_distance: Callable[[np.ndarray], float],
-    count: int = 1,
-) -> list[JointMotion]:
-    """Motions, drawn at random, whose hands swing through each other or the body.
+) -> JointMotion:
+    """A motion, drawn at random, whose hands swing through each other or the body.
 
-    Each swings between two clear poses on a straight line in joint space that
+    It swings between two clear poses on a straight line in joint space that
     penetrates between them, and stays within the limits of the joints; it starts in
     the rest posture.
 
     Args:
-        seed: the same one draws the same motions.
+        seed: the same one draws the same motion.
         rest: (n,) rest posture [rad].
         lower, upper: (n,) limits [rad], infinite where there are none.
         smallest_distance: of the pairs that are to meet, at q (n,) [m].
-        count: of motions.
 
     Raises:
         ValueError: hardly any two poses are so, e.g. since nothing can meet.
@@ -129,8 +127,7 @@ def random_crossings(
     rng = np.random.default_rng(seed)
     lower = np.maximum(lower, rest - FREE_JOINT)
     upper = np.minimum(upper, rest + FREE_JOINT)
-    found: list[JointMotion] = []
-    for _ in range(TRIES * count):
+    for _ in range(TRIES):
         reach = rng.uniform(0.2, 0.8)
         first, second = (
             rest + reach * (rng.uniform(lower, upper) - rest) for _ in range(2)
@@ -146,12 +143,8 @@ def random_crossings(
         frequency = rng.uniform(0.4, 1.4)
         fastest = 2.0 * np.pi * frequency * np.abs(half).max()
         frequency *= min(1.0, FASTEST_JOINT / fastest)
-        found.append(
-            JointMotion(rest, first + half, half, 0.5, 1.5, 6.0, float(frequency))
-        )
-        if len(found) == count:
-            return found
-    raise ValueError(f"{count} crossings were wanted, {len(found)} were found")
+        return JointMotion(rest, first + half, half, 0.5, 1.5, 6.0, float(frequency))
+    raise ValueError("no crossing was found")
 
 
 def smooth_step(

@@ -40,85 +40,82 @@ ENVIRONMENTS = {
 PYTHONS = {"drake": "python3.12", "embodik": "python3.12"}
 
 
-def every(**choices: tuple) -> tuple[dict, ...]:
-    """All combinations of the choices."""
-    return tuple(
-        dict(zip(choices, values, strict=True)) for values in product(*choices.values())
-    )
+def every(common: dict, *more: dict) -> tuple[dict, ...]:
+    """All combinations of choices, which are tuples; other values are for all.
+
+    Args:
+        common: setting to value or choices, of all grids.
+        more: the same, of a grid each; one grid if there are none.
+    """
+    found = []
+    for own in more or ({},):
+        choices = {
+            name: value if isinstance(value, tuple) else (value,)
+            for name, value in (common | own).items()
+        }
+        found += [
+            dict(zip(choices, x, strict=True)) for x in product(*choices.values())
+        ]
+    return tuple(found)
 
 
 MARGIN = 0.005  # [m] that every controller is asked to keep
 
-
-def placo_dynamics(**choices: tuple) -> tuple[dict, ...]:
-    """The grid of PlaCo's dynamics solver, with choices besides."""
-    return every(
-        solver=("dynamics",),
-        kp=(300.0, 900.0),
-        posture=(1e-3,),
-        posture_kp=(100.0,),
-        torque_cost=(1e-6, 1e-4),
-        qdd_safe=(20.0, 80.0, 200.0),
-        margin=(MARGIN,),
-        trigger=(0.1,),
-        **choices,
-    )
-
-
-def barriers(**choices: tuple) -> tuple[dict, ...]:
-    """The grid of OSCBF, with choices besides."""
-    return every(
-        posture_gain=(1.0,),
-        margin=(MARGIN,),
-        nearest=(12,),
-        # Its default, 1e3, gives way; null stands for barriers that never do.
-        penalty=(1e6,),
-        tolerance=(1e-3,),
-        **choices,
-    )
-
-
+_OSCBF = {
+    "posture_gain": 1.0,
+    "margin": MARGIN,
+    "nearest": 12,
+    # Its default, 1e3, gives way; null stands for barriers that never do.
+    "penalty": 1e6,
+    "tolerance": 1e-3,
+    "damping": 1e-3,
+}
+_ALPHA_1 = (10.0, 20.0, 50.0, 75.0, 100.0, 140.0, 190.0)
+_ALPHA_2 = (10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0)
 PEERS = (
     Peer(
         "PlaCo, kinematics",
         "run_placo",
         "placo",
         every(
-            solver=("kinematics",),
-            gain=(30.0, 60.0, 200.0),
-            regularization=(1e-4, 1e-3, 1e-2),
-            posture=(1e-3,),
-            margin=(MARGIN,),
-            trigger=(0.05,),
-            priority=("hard",),
-            weight=(1.0,),
-            velocity_limits=(True,),
-        )
-        + every(
-            solver=("kinematics",),
-            gain=(60.0,),
-            regularization=(1e-4, 1e-3),
-            posture=(1e-3,),
-            margin=(MARGIN,),
-            trigger=(0.05,),
-            priority=("soft",),
-            weight=(10.0, 1000.0),
-            velocity_limits=(True,),
+            {
+                "solver": "kinematics",
+                "posture": 1e-3,
+                "margin": MARGIN,
+                "trigger": 0.05,
+                "velocity_limits": True,
+            },
+            {
+                "gain": (30.0, 60.0, 200.0),
+                "regularization": (1e-4, 1e-3, 1e-2),
+                "priority": "hard",
+                "weight": 1.0,
+            },
+            {
+                "gain": 60.0,
+                "regularization": (1e-4, 1e-3),
+                "priority": "soft",
+                "weight": (10.0, 1000.0),
+            },
         ),
     ),
     Peer(
         "PlaCo, dynamics",
         "run_placo",
         "placo",
-        placo_dynamics(
-            priority=("hard",),
-            weight=(1.0,),
-            velocity_limits=(True,),
-        )
-        + placo_dynamics(
-            priority=("soft",),
-            weight=(1e3,),
-            velocity_limits=(False,),
+        every(
+            {
+                "solver": "dynamics",
+                "kp": (300.0, 900.0),
+                "posture": 1e-3,
+                "posture_kp": 100.0,
+                "torque_cost": (1e-6, 1e-4),
+                "qdd_safe": (20.0, 80.0, 200.0),
+                "margin": MARGIN,
+                "trigger": 0.1,
+            },
+            {"priority": "hard", "weight": 1.0, "velocity_limits": True},
+            {"priority": "soft", "weight": 1e3, "velocity_limits": False},
         ),
     ),
     Peer(
@@ -126,24 +123,24 @@ PEERS = (
         "run_pink",
         "pink",
         every(
-            gain=(60.0, 200.0),
-            posture=(1e-3,),
-            damping=(0.03,),
-            barrier_gain=(20.0, 50.0),
-            safe_displacement=(0.0, 0.01, 0.1),
-            collision_distance=(MARGIN,),
-            velocity_limits=(True,),
-            acceleration_limit=(None,),
-        )
-        + every(
-            gain=(60.0,),
-            posture=(1e-3,),
-            damping=(0.03,),
-            barrier_gain=(20.0,),
-            safe_displacement=(0.01,),
-            collision_distance=(MARGIN,),
-            velocity_limits=(True,),
-            acceleration_limit=(100.0, 300.0),
+            {
+                "posture": 1e-3,
+                "damping": 0.03,
+                "collision_distance": MARGIN,
+                "velocity_limits": True,
+            },
+            {
+                "gain": (60.0, 200.0),
+                "barrier_gain": (20.0, 50.0),
+                "safe_displacement": (0.0, 0.01, 0.1),
+                "acceleration_limit": None,
+            },
+            {
+                "gain": 60.0,
+                "barrier_gain": 20.0,
+                "safe_displacement": 0.01,
+                "acceleration_limit": (100.0, 300.0),
+            },
         ),
     ),
     Peer(
@@ -151,26 +148,26 @@ PEERS = (
         "run_mink",
         "mink",
         every(
-            gain=(60.0, 200.0),
-            posture=(1e-3,),
-            damping=(0.03, 0.1),
-            # Up to 1 by its documentation; up to the period it is a displacement.
-            collision_gain=(0.0005, 0.001, 0.0025, 0.005, 0.05, 0.5),
-            collision_distance=(MARGIN,),
-            detection_distance=(0.1,),
-            relaxation=(0.0,),
-            velocity_limits=(True,),
-        )
-        + every(
-            gain=(60.0,),
-            posture=(1e-3,),
-            damping=(0.03,),
-            collision_gain=(0.001, 0.0025),
-            collision_distance=(MARGIN,),
-            detection_distance=(0.1,),
-            # A negative one asks for a retreat from inside the margin.
-            relaxation=(-1e-4, -5e-4),
-            velocity_limits=(True,),
+            {
+                "posture": 1e-3,
+                "collision_distance": MARGIN,
+                "detection_distance": 0.1,
+                "velocity_limits": True,
+            },
+            {
+                "gain": (60.0, 200.0),
+                "damping": (0.03, 0.1),
+                # Up to 1 by its documentation; up to the period it is a displacement.
+                "collision_gain": (0.0005, 0.001, 0.0025, 0.005, 0.05, 0.5),
+                "relaxation": 0.0,
+            },
+            {
+                "gain": 60.0,
+                "damping": 0.03,
+                "collision_gain": (0.001, 0.0025),
+                # A negative one asks for a retreat from inside the margin.
+                "relaxation": (-1e-4, -5e-4),
+            },
         ),
     ),
     Peer(
@@ -178,51 +175,45 @@ PEERS = (
         "run_drake_diffik",
         "drake",
         every(
-            gain=(15.0, 30.0, 60.0, 200.0),
-            cartesian_weight=(1.0, 100.0),
-            posture_gain=(1.0,),
-            collision_distance=(MARGIN,),
-            influence_distance=(0.05, 0.15),
-            limit_margin=(0.0025,),
-            limit_influence=(0.1,),
+            {
+                "gain": (15.0, 30.0, 60.0, 200.0),
+                "cartesian_weight": (1.0, 100.0),
+                "posture_gain": 1.0,
+                "collision_distance": MARGIN,
+                "influence_distance": (0.05, 0.15),
+                "limit_margin": 0.0025,
+                "limit_influence": 0.1,
+            }
         ),
     ),
     Peer(
         "OSCBF, velocities",
         "run_oscbf",
         "oscbf",
-        barriers(
-            order=(1,),
-            gain=(60.0, 200.0),
-            damping=(1e-3,),
-            alpha=(10.0, 20.0, 50.0, 75.0, 100.0, 140.0, 190.0),
-        ),
+        every(_OSCBF | {"order": 1, "gain": (60.0, 200.0), "alpha": _ALPHA_1}),
     ),
     Peer(
         "OSCBF, accelerations",
         "run_oscbf",
         "oscbf",
-        barriers(
-            order=(2,),
-            gain=(30.0, 60.0),
-            damping=(1e-3,),
-            alpha=(10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0),
-        ),
+        every(_OSCBF | {"order": 2, "gain": (30.0, 60.0), "alpha": _ALPHA_2}),
     ),
     Peer(
         "embodik",
         "run_embodik",
         "embodik",
         every(
-            gain=(60.0, 200.0),
-            posture=(1.0,),
-            damping=(0.03,),
-            tolerance=(1e-3, 1e-2, 1e-1),
-            mode=("MIN_ERROR", "SCALE"),
-            tuning=("PRECISE",),
-            margin=(MARGIN,),
-            constraints=(10,),
-            recovery=(0.2, 1.0),
+            {
+                "gain": (60.0, 200.0),
+                "posture": 1.0,
+                "damping": 0.03,
+                "tolerance": (1e-3, 1e-2, 1e-1),
+                "mode": ("MIN_ERROR", "SCALE"),
+                "tuning": "PRECISE",
+                "margin": MARGIN,
+                "constraints": 10,
+                "recovery": (0.2, 1.0),
+            }
         ),
     ),
 )

@@ -134,9 +134,7 @@ def write_crossings(folder: Path, seeds: Iterable[int]) -> list[str]:
 
     names = []
     for seed in seeds:
-        (motion,) = motions.random_crossings(
-            seed, rest, model.lower, model.upper, smallest
-        )
+        motion = motions.random_crossing(seed, rest, model.lower, model.upper, smallest)
         names.append(f"crossing_{seed}")
         _write_case(folder / f"{names[-1]}.npz", model, motion)
     return names

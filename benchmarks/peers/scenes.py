@@ -64,45 +64,33 @@ SCENES = {
 }  # base moves, spheres, their speed [m/s]
 
 
-def _barriers(told: bool) -> tuple[dict, ...]:
-    return every(
-        alpha=(1.0, 4.0, 16.0, 64.0),
-        keep=(MARGIN, 0.03),
-        margin=(MARGIN,),
-        nearest=(12,),
-        damping=(1.0,),
-        penalty=(1e6,),
-        tolerance=(1e-3,),
-        told=(told,),
-    )
-
-
-def _bounds(*distances: float) -> tuple[dict, ...]:
-    return every(
-        collision_gain=(0.01, 0.05, 0.25, 0.85),
-        collision_distance=distances,
-        detection_distance=(0.2,),
-        relaxation=(0.0,),
-    )
-
-
+_BARRIERS = {
+    "alpha": (1.0, 4.0, 16.0, 64.0),
+    "keep": (MARGIN, 0.03),
+    "margin": MARGIN,
+    "nearest": 12,
+    "damping": 1.0,
+    "penalty": 1e6,
+    "tolerance": 1e-3,
+}
+_BOUNDS = {
+    "collision_gain": (0.01, 0.05, 0.25, 0.85),
+    "detection_distance": 0.2,
+    "relaxation": 0.0,
+}
+_FILTER, _MINK = ("guard_crar", ""), ("guard_mink", "mink")
+_OSCBF = ("guard_oscbf", "oscbf")
 GUARDS = (
-    Peer(
-        "safety filter",
-        "guard_crar",
-        "",
-        every(braking_time=(0.04, 0.0833, 0.15)),
-    ),
+    Peer("safety filter", *_FILTER, every({"braking_time": (0.04, 0.0833, 0.15)})),
     Peer(
         "safety filter, evading",
-        "guard_crar",
-        "",
-        every(braking_time=(0.04,), evade=(True,)),
+        *_FILTER,
+        every({"braking_time": 0.04, "evade": True}),
     ),
-    Peer("OSCBF, spheres' speeds told", "guard_oscbf", "oscbf", _barriers(True)),
-    Peer("OSCBF, as if they stood", "guard_oscbf", "oscbf", _barriers(False)),
-    Peer("mink", "guard_mink", "mink", _bounds(MARGIN, 0.03)),
-    Peer("mink, 5 mm", "guard_mink", "mink", _bounds(MARGIN)),
+    Peer("OSCBF, spheres' speeds told", *_OSCBF, every(_BARRIERS | {"told": True})),
+    Peer("OSCBF, as if they stood", *_OSCBF, every(_BARRIERS | {"told": False})),
+    Peer("mink", *_MINK, every(_BOUNDS | {"collision_distance": (MARGIN, 0.03)})),
+    Peer("mink, 5 mm", *_MINK, every(_BOUNDS | {"collision_distance": MARGIN})),
 )
 HEADER = (
     "filter",
@@ -395,7 +383,6 @@ def judged(
         # In one process, so that what is compiled is so once.
         jobs = {
             (name, i): job(name, one, runs / f"{guard.name} {i} {name}.npz", PERIOD)
-            | {"keep": arguments.tune}
             for each in of.values()
             for name in each
             for i, one in enumerate(grid)

@@ -1,6 +1,6 @@
 """The figures of Section IV, from outcomes and logs."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +16,14 @@ from benchmarks.section_iv.plan import (
     VARIANTS,
 )
 from benchmarks.section_iv.simulate import Outcomes
-from benchmarks.section_iv.snapshots import SnapshotRenderer
 from benchmarks.sweep.cases import clip_label
 from crar_drake.law.parameters import LEVELS
 from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_robot
-from crar_drake.robot.description import LIMIT_TOLERANCE
+from crar_drake.robot.collision_pairs import shape_axis
+from crar_drake.robot.description import LIMIT_TOLERANCE, find_body
+from crar_drake.robot.model import ControlModel
 
 COLOURS = {
     "velocity": "tab:orange",
@@ -129,14 +130,12 @@ def draw_distances(
     figure = Figure(figsize=(8.6, 5.2), layout="constrained")
     above, ax = figure.subplots(2, 1, height_ratios=(1.0, 2.4), sharex=True)
     frames = log.time * frame_rate
-    renderer = SnapshotRenderer(load_logged_robot(log))
+    model = ControlModel.FromDescription(load_logged_robot(log), [])
     snapshots = choose_snapshots(raw)
     width = frames[-1] / len(snapshots)
     for i, snapshot in enumerate(snapshots):
-        picture = renderer.render(log.q[snapshot.sample], snapshot.tinted)
-        above.imshow(
-            picture, extent=(i * width, (i + 1) * width, 0.0, 1.0), aspect="auto"
-        )
+        place = above.inset_axes((i / len(snapshots), 0.1, 1 / len(snapshots), 0.9))
+        draw_posture(place, model, log.q[snapshot.sample], snapshot.tinted)
         frame = frames[snapshot.sample]
         ax.axvline(frame, color="0.8", linewidth=0.7)
         above.text((i + 0.5) * width, 0.0, f"{frame:.0f}", ha="center", va="bottom")
@@ -169,6 +168,48 @@ def draw_distances(
         ax.legend(loc="upper right", fontsize="small", frameon=False)
     _clean(ax)
     return figure
+
+
+def draw_posture(
+    ax: Axes, model: ControlModel, q: np.ndarray, tinted: Collection[str] = ()
+) -> None:
+    """A robot from the front: the capsules and spheres of its watched links.
+
+    Args:
+        ax: to draw into.
+        model: of the robot.
+        q: (nq,) its positions.
+        tinted: links that are yellow.
+    """
+    plant, inspector = model.plant, model.scene_graph.model_inspector()
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    shapes = []
+    for name in {link for pair in model.description.pairs for link in pair}:
+        body = find_body(plant, name)
+        X_WB = body.EvalPoseInWorld(context)
+        for geometry in plant.GetCollisionGeometriesForBody(body):
+            X_WG = X_WB.multiply(inspector.GetPoseInFrame(geometry)).GetAsMatrix34()
+            axis = shape_axis(inspector.GetShape(geometry), X_WG)
+            shapes.append((axis.p_B0, axis.p_B1, axis.radius, name in tinted))
+    # What is nearer to the eye, at +x, comes last; its left is on the right.
+    half_turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 16)
+    for start, end, radius, is_tinted in sorted(
+        shapes, key=lambda s: s[0][0] + s[1][0]
+    ):
+        (y, z), (dy, dz) = start[1:], (end - start)[1:]
+        turns = np.arctan2(dz, dy) + half_turn
+        turns = np.concatenate([turns, turns + np.pi])
+        along = np.repeat([1.0, 0.0], len(half_turn))
+        ax.fill(
+            y + along * dy + radius * np.cos(turns),
+            z + along * dz + radius * np.sin(turns),
+            "gold" if is_tinted else "0.8",
+            edgecolor="0.3",
+            linewidth=0.5,
+        )
+    ax.set_aspect("equal", "datalim")
+    ax.set_axis_off()
 
 
 def draw_bars(

@@ -20,13 +20,7 @@ from crar_drake.play.pacing import Pacer
 from crar_drake.play.page import make_page, viewer_script
 from crar_drake.play.requests import Request
 from crar_drake.play.web_server import PlayServer
-from crar_drake.run import (
-    RunResult,
-    summary_of,
-    tell_end,
-    with_lasting_name,
-    write_run,
-)
+from crar_drake.run import RunResult, finish, with_lasting_name
 from crar_drake.simulation.scenario import Scenario
 
 _FRAME = 1.0 / 30.0  # [s]
@@ -139,19 +133,13 @@ class PlaySession:
         self._server.show({"ended": f"ended after {live.time:.1f} s; see {out}"})
         scenario = with_lasting_name(live.logged_scenario())
         performer = live.setup.motion.performer
-        log = live.recorder.log(scenario)
-        summary = summary_of(
-            log,
-            scenario,
-            live.setup,
-            self.failure,
+        return finish(
+            *(live.recorder.log(scenario), scenario, live.setup),
+            *(out, interrupts, self.failure),
+            note=live.reported(),
             motion=inspect(performer) if performer is not None else None,
             warnings=[live.reported()],
         )
-        result = RunResult(log, summary, live.setup)
-        missing = write_run(out, result, True, interrupts, note=live.reported())
-        tell_end(result, out, self.failure, missing)
-        return result
 
     def close(self) -> bool:
         """Ends the page and Meshcat, when all else is done.

@@ -6,16 +6,13 @@ import numpy as np
 from pydrake.geometry import (
     CollisionFilterDeclaration,
     GeometrySet,
-    Meshcat,
     SceneGraph,
 )
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.lcm import ApplyLcmBusConfig
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
-from pydrake.visualization import ApplyVisualizationConfig
 
 from crar_drake.errors import ScenarioError
 from crar_drake.law.standing_law import StandingLaw
@@ -36,7 +33,6 @@ from crar_drake.simulation.disturbances import (
 )
 from crar_drake.simulation.moving_obstacles import ObstacleSource
 from crar_drake.simulation.scenario import Scenario, SimulatedRobot
-from crar_drake.simulation.visuals import draw_collision_shapes, set_surroundings
 from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.keyframes import keyframe_way
 from crar_drake.targets.motion import load_motion_targets
@@ -136,9 +132,7 @@ def _from_keyframes(scenario: Scenario, model: ControlModel) -> DesiredMotion:
     )
 
 
-def MakeCrarDiagram(
-    scenario: Scenario, meshcat: Meshcat | None = None, setup: Setup | None = None
-) -> Diagram:
+def MakeCrarDiagram(scenario: Scenario, setup: Setup | None = None) -> Diagram:
     """Builds the whole diagram of a scenario.
 
     Where the robot stands, the controller runs on its own command, which a
@@ -148,16 +142,15 @@ def MakeCrarDiagram(
     Subsystems, by name: "plant", "scene_graph", "crar_controller", "pushes",
     "desired_tasks", (if there are prescribed joints) "desired_prescribed" and (if there
     are any) "obstacles"; one "log_state", "log_desired_tasks" and "log_diagnostics" (of
-    the controller), "log_obstacles"; with `meshcat` its visualiser. The plant asks its
-    own scene for contact, from which filters leave out what the scenario does not want
-    to touch. The default context starts at rest in a valid pose near the first target.
+    the controller), "log_obstacles". The plant asks its own scene for contact, from
+    which filters leave out what the scenario does not want to touch. The default
+    context starts at rest in a valid pose near the first target.
 
     Exported outputs: "state", "query", "desired_tasks" and every output of the
     controller. There are no inputs.
 
     Args:
         scenario: from `load_scenario`, or made in Python.
-        meshcat: draws the robot while it moves; None for none.
         setup: of this scenario, if it is at hand already.
 
     Raises:
@@ -236,8 +229,6 @@ def MakeCrarDiagram(
     period = scenario.log_period_for(scenario.duration or setup.motion.duration)
     for name, port in logged.items():
         LogVectorOutput(port, builder, period).set_name(f"log_{name}")
-    if meshcat is not None:
-        _draw(builder, scenario, meshcat, plant, scene_graph)
 
     builder.ExportOutput(plant.get_state_output_port(), "state")
     builder.ExportOutput(scene_graph.get_query_output_port(), "query")
@@ -280,26 +271,3 @@ def leave_out_contact(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
     scene_graph.collision_filter_manager().Apply(
         CollisionFilterDeclaration().ExcludeWithin(GeometrySet(frames))
     )
-
-
-def _draw(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    meshcat: Meshcat,
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-) -> None:
-    """Adds Drake's visualiser of the robot; nothing goes to a network."""
-    config = scenario.visualization
-    draw_collision_shapes(plant, scene_graph)
-    ApplyVisualizationConfig(
-        config,
-        builder,
-        # A bus that goes nowhere. (A DrakeLcm of our own would have to outlive the
-        # diagram, which does not keep it.)
-        lcm_buses=ApplyLcmBusConfig({config.lcm_bus: None}, builder),
-        plant=plant,
-        scene_graph=scene_graph,
-        meshcat=meshcat,
-    )
-    set_surroundings(meshcat)

@@ -11,7 +11,6 @@ from pydrake.geometry import (
     SceneGraph,
     SceneGraphInspector,
 )
-from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 
@@ -107,27 +106,4 @@ def set_surroundings(meshcat: Meshcat) -> None:
         _CELL * np.hstack([end, end[[1, 0, 2]]]) - corner,
         1.0,
         GRID_COLOR,
-    )
-
-
-def look_from(
-    yaw: float, pitch: float, distance: float, target: np.ndarray
-) -> RigidTransform:
-    """X_WC of a camera that looks at a point; z is its viewing axis.
-
-    Args:
-        yaw, pitch: azimuth about world z and elevation of the camera as seen from
-            the point [rad]; yaw 0 is on the +x axis.
-        distance: from the point [m].
-        target: (3,) the point [m].
-    """
-    direction = np.array(
-        [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
-    )
-    z = -direction
-    x = np.cross(z, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    return RigidTransform(
-        RotationMatrix(np.column_stack([x, np.cross(z, x), z])),
-        target + distance * direction,
     )

@@ -10,9 +10,8 @@ from crar_drake.robot.description import (
     FLOOR_TOLERANCE,
     LIMIT_TOLERANCE,
     RobotDescription,
-    find_joint,
 )
-from crar_drake.robot.model import ControlModel
+from crar_drake.robot.joints import joint_units
 from crar_drake.simulation.diagram import Setup
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.simulation.visuals import models_without_visuals
@@ -86,9 +85,8 @@ def _of_the_rest_posture(scenario: Scenario, setup: Setup) -> Iterator[str]:
     for i in beyond[:_MOST]:
         limit = model.lower[i] if rest[i] < low[i] else model.upper[i]
         name = model.joint_names[i]
-        named.append(
-            f"{name} at {rest[i]:.3f} is beyond its limit {limit:.3f} {_unit(model, i)}"
-        )
+        (unit,) = joint_units(model.plant, [name])
+        named.append(f"{name} at {rest[i]:.3f} is beyond its limit {limit:.3f} {unit}")
     more = f", and {len(beyond) - _MOST} more" if len(beyond) > _MOST else ""
     if any(not low[i] <= start[i] <= high[i] for i in beyond):
         then = "the run starts beyond, too"
@@ -121,8 +119,3 @@ def moves_root(scenario: Scenario, robot: RobotDescription) -> bool:
     """Whether a motion moves the robot's root, over the floor z = 0 then."""
     driven = any(by != "hold" for by in robot.prescribed_joints.values())
     return bool(scenario.motion) and driven
-
-
-def _unit(model: ControlModel, index: int) -> str:
-    joint = find_joint(model.plant, model.joint_names[index])
-    return "m" if joint.type_name() == "prismatic" else "rad"

@@ -47,6 +47,7 @@ class FilteredMotion(SafeMotion):
             ScenarioError: as `begin`.
         """
         self.filter, self.model = safety_filter, safety_filter.model
+        self.parameters = safety_filter.parameters
         self.period, self._blend_time = safety_filter.period, blend_time
         names = safety_filter.joint_names
         self.layout = TaskLayout(names, ("joint",) * len(names))
@@ -61,12 +62,8 @@ class FilteredMotion(SafeMotion):
     def _remember(self, memory: FilterMemory) -> None:
         self._memory, self.q, self.v = memory, memory.q, memory.v
 
-    def _wrong_here(self) -> str:
-        report = self.filter.solve(self._memory, self.q).command.report
-        if report.clear:
-            return ""
-        links = " - ".join(report.pair) if report.pair else "links"
-        return f"{links} are nearer there than the floor"
+    def _is_clear(self) -> bool:
+        return self.filter.solve(self._memory, self.q).command.report.clear
 
     def where(self) -> np.ndarray:
         return np.concatenate([self.q, np.zeros(2 * len(self.q))])

@@ -1,6 +1,7 @@
 """How closely the robot follows what it is told, by what it says of itself."""
 
 import math
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 
@@ -106,13 +107,11 @@ class FollowedRobot:
 
     def _at_time(self, time: float) -> np.ndarray | None:
         """(nq,) what was commanded for an instant; None before the first command."""
-        if not self._told or time < self._told[0][0]:
-            return self._told[0][1] if self._told else None
-        later = self._told[-1]
-        for told in reversed(self._told):
-            if told[0] <= time:
-                span = later[0] - told[0]
-                share = min((time - told[0]) / span, 1.0) if span > 0.0 else 0.0
-                return told[1] + share * (later[1] - told[1])
-            later = told
-        return later[1]
+        if not self._told:
+            return None
+        later = bisect_right(self._told, time, key=lambda told: told[0])
+        at_0, q_0 = self._told[max(later - 1, 0)]
+        at_1, q_1 = self._told[min(later, len(self._told) - 1)]
+        span = at_1 - at_0
+        share = min((time - at_0) / span, 1.0) if span > 0.0 else 0.0
+        return q_0 + share * (q_1 - q_0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from crar_drake.errors import ScenarioError, nearest
 from crar_drake.law.obstacles import Obstacles
+from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.law.safety_filter import OBSTACLE
 from crar_drake.law.tasks import TaskLayout
 from crar_drake.robot.description import LIMIT_TOLERANCE
@@ -39,6 +40,7 @@ class SafeMotion(ABC):
 
     Attributes:
         model: of the robot.
+        parameters: of the law.
         layout: of the tasks.
         period: [s].
         no_obstacles: why it keeps off no obstacles that move; "" if it does.
@@ -46,6 +48,7 @@ class SafeMotion(ABC):
     """
 
     model: ControlModel
+    parameters: LookaheadParameters
     layout: TaskLayout
     period: float
     no_obstacles: str = ""
@@ -67,9 +70,17 @@ class SafeMotion(ABC):
             ScenarioError: the robot cannot start there: a joint is not known or beyond
                 its limits, or its links are nearer than the floor.
         """
-        self._stand(start_positions(self.model, start or {}))
-        if start and (wrong := self._wrong_here()):
-            raise ScenarioError(f"start: {wrong}")
+        q = start_positions(self.model, start or {})
+        self._stand(q)
+        if not start or self._is_clear():
+            return
+        distances = self.model.signed_distances(q)
+        nearest = int(distances.argmin())
+        a, b = self.model.pairs.names[nearest]
+        raise ScenarioError(
+            f"start: {a} - {b} are {1e3 * distances[nearest]:.1f} mm apart there, and "
+            f"the floor is {1e3 * self.parameters.safety_distance:.1f} mm"
+        )
 
     def stop_here(self) -> None:
         """The robot is where it is, at rest: nobody has commanded it to move for
@@ -94,8 +105,8 @@ class SafeMotion(ABC):
         """Forgets all, and is at rest at (nq,) positions."""
 
     @abstractmethod
-    def _wrong_here(self) -> str:
-        """Which links are nearer than the floor, in words; "" if none are."""
+    def _is_clear(self) -> bool:
+        """Whether no links are nearer than the floor here, where it rests."""
 
 
 def because_of(obstacle: tuple[str, str] | None) -> str | None:

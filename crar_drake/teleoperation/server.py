@@ -80,7 +80,7 @@ class Statistics:
     # are read, and not the newest of their sender), "not driving" (targets of another
     # client than the one that drives)
     messages: Counter = field(default_factory=Counter)
-    # verdict to number of targets, see `target_stream.VERDICTS`
+    # verdict to number of targets, see `target_stream`
     targets: Counter = field(default_factory=Counter)
     steps: Counter = field(default_factory=Counter)  # status to how many
     held_back: int = 0  # steps that were corrected or scaled
@@ -281,15 +281,11 @@ class TeleoperationServer:
         self.robot.tell(now + self.period, self.motion.q)
         statistics.step_time.append(time.monotonic() - began)
         command = Command(
+            **vars(moved) | {"why": held or moved.why},
             time=now - self._start,
             of=self._of,
-            status=moved.status,
             positions=self.motion.q,
             velocities=self.motion.v,
-            torques=moved.torques,
-            distance=moved.distance,
-            admitted=moved.admitted,
-            why=held or moved.why,
             driver=self._named(now),
             tracking_error=self.robot.error,
             tracking_joint=self.robot.joint,
@@ -442,10 +438,6 @@ class TeleoperationServer:
             "targets": as_targets(self._here, layout),
             "positions": list(model.position_names),
             "velocities": list(model.velocity_names),
-            "torques": self._actuators(),
+            "torques": list(model.plant.GetActuatorNames(False)),
         }
         return json.dumps(said).encode() + b"\n"
-
-    def _actuators(self) -> list[str]:
-        plant = self.motion.model.plant
-        return list(plant.GetActuatorNames(add_model_instance_prefix=False))

@@ -1,7 +1,7 @@
 """Targets as they arrive, judged, and as the control law wants them at each instant."""
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,7 +16,6 @@ _LONGEST_EXTRAPOLATION = 0.1
 _SHORTEST = 1e-3
 
 PASSED, CLAMPED, REJECTED, LATE = "passed", "clamped", "rejected", "late"
-VERDICTS = (PASSED, CLAMPED, REJECTED, LATE)
 
 
 @dataclass
@@ -31,87 +30,37 @@ class _Track:
     interval: float = 0.0  # to the one before [s]
 
 
-class _Places:
-    """Where each task is in the stacked vectors of a `TaskLayout`."""
-
-    def __init__(self, layout: TaskLayout) -> None:
-        self.kinds = layout.kinds
-        sizes = [sum(n for _, n in PARTS[kind]) for kind in layout.kinds]
-        ends = np.cumsum(sizes)
-        self.x = [slice(end - n, end) for end, n in zip(ends, sizes, strict=True)]
-        rows = map(layout.rows_of, range(len(layout.kinds)))
-        nx = layout.size_x
-        self.v = [slice(nx + each.start, nx + each.stop) for each in rows]
-
-
-class RateLimiter:
-    """Approaches targets that jump, at a bounded speed.
-
-    Of each period's targets a position or an orientation is passed as it is if it is no
-    farther from what was passed before than the gate's speed leads in a period. Else it
-    is what lies as far on the way there, a turn by the shorter way, and at rest: a law
-    that plans would go on with a velocity, and past the end. Joints are passed.
-    """
-
-    def __init__(self, layout: TaskLayout, gate: Gate, period: float) -> None:
-        """
-        Args:
-            period: between two calls [s].
-        """
-        self._places = _Places(layout)
-        self._farthest = gate.speed * period
-        self._largest_turn = gate.angular_speed * period
-        self._last: np.ndarray | None = None  # (size,) what was passed before
-
-    def limit(self, desired: np.ndarray, here: np.ndarray) -> np.ndarray:
-        """(layout.size,) [x; v; a] within reach.
-
-        Args:
-            desired: (layout.size,) [x_d; v_d; a_d]; NaN if there are no targets.
-            here: (layout.size,) [x; ...] where the robot's points are, and where it
-                begins at first and after targets were lost.
-        """
-        if np.isnan(desired).any():
-            self._last = None
-            return desired
-        last, limited = here if self._last is None else self._last, desired.copy()
-        places = self._places
-        for kind, x, v in zip(places.kinds, places.x, places.v, strict=True):
-            if kind == "joint":
-                continue
-            way = _difference(last[x], desired[x], kind)
-            share = np.ones(len(way))
-            turn, move = slice(_TURNS[kind]), slice(_TURNS[kind], None)
-            for part, most in ((turn, self._largest_turn), (move, self._farthest)):
-                length = np.linalg.norm(way[part])
-                share[part] = most / length if length > most else 1.0
-            if (share < 1.0).any():
-                limited[x] = _moved(last[x], share * way, kind)
-                limited[v] *= share == 1.0
-        self._last = limited
-        return limited
-
-
-@dataclass
 class TargetStream:
     """Judges what arrives, and fills the time between with what it says.
 
     A target goes on at the speed between the last two for as long as these were apart,
     at most 0.1 s, and then stands still. What is too fast stands still at once, and is
     approached at a bounded speed, unless it is a joint.
+
+    Attributes:
+        layout: of the tasks.
+        gate: what a target may be.
+        counts: verdict to how many targets there were of it.
     """
 
-    layout: TaskLayout  # of the tasks
-    gate: Gate  # what a target may be
-    period: float  # between two calls of `desired_at` [s]
-    # verdict to how many targets there were of it
-    counts: Counter = field(default_factory=Counter)
-    _tracks: dict[int, _Track] = field(default_factory=dict)
-    _stays: dict[int, np.ndarray] = field(default_factory=dict)  # of lost tasks
-
-    def __post_init__(self) -> None:
-        self._limiter = RateLimiter(self.layout, self.gate, self.period)
-        self._places = _Places(self.layout)
+    def __init__(self, layout: TaskLayout, gate: Gate, period: float) -> None:
+        """
+        Args:
+            layout, gate: see the attributes.
+            period: between two calls of `desired_at` [s].
+        """
+        self.layout, self.gate, self.counts = layout, gate, Counter()
+        self._farthest = gate.speed * period
+        self._largest_turn = gate.angular_speed * period
+        # Where each task is in stacked vectors.
+        sizes = [sum(n for _, n in PARTS[kind]) for kind in layout.kinds]
+        ends = np.cumsum(sizes)
+        self._x = [slice(end - n, end) for end, n in zip(ends, sizes, strict=True)]
+        rows, nx = map(layout.rows_of, range(len(layout.kinds))), layout.size_x
+        self._v = [slice(nx + each.start, nx + each.stop) for each in rows]
+        self._tracks: dict[int, _Track] = {}
+        self._stays: dict[int, np.ndarray] = {}  # of lost tasks
+        self._last: np.ndarray | None = None  # (size,) what `limit` let through
 
     def take(
         self,
@@ -148,13 +97,13 @@ class TargetStream:
         desired = np.zeros(self.layout.size)
         alive = False
         for task, kind in enumerate(self.layout.kinds):
-            at, track = self._places.x[task], self._tracks.get(task)
+            at, track = self._x[task], self._tracks.get(task)
             if track is not None and now - track.arrived <= self.gate.timeout:
                 alive = True
                 self._stays.pop(task, None)
                 age = now - track.arrived
                 if age < track.interval:
-                    desired[self._places.v[task]] = track.v
+                    desired[self._v[task]] = track.v
                 moved = min(age, track.interval) * track.v
                 desired[at] = _moved(track.x, moved, kind)
             else:
@@ -163,7 +112,40 @@ class TargetStream:
             # Braking is not staying: where it ends is where a task will stay.
             self._stays.clear()
             desired[:] = np.nan
-        return self._limiter.limit(desired, here)
+        return self.limit(desired, here)
+
+    def limit(self, desired: np.ndarray, here: np.ndarray) -> np.ndarray:
+        """(layout.size,) [x; v; a] within reach: targets that jump are approached.
+
+        Of each period's targets a position or an orientation is passed as it is if it
+        is no farther from what was passed before than the gate's speed leads in a
+        period. Else it is what lies as far on the way there, a turn by the shorter way,
+        and at rest: a law that plans would go on with a velocity, and past the end.
+        Joints are passed.
+
+        Args:
+            desired: (layout.size,) [x_d; v_d; a_d]; NaN if there are no targets.
+            here: (layout.size,) [x; ...] where the robot's points are, and where it
+                begins at first and after targets were lost.
+        """
+        if np.isnan(desired).any():
+            self._last = None
+            return desired
+        last, limited = here if self._last is None else self._last, desired.copy()
+        for kind, x, v in zip(self.layout.kinds, self._x, self._v, strict=True):
+            if kind == "joint":
+                continue
+            way = _difference(last[x], desired[x], kind)
+            share = np.ones(len(way))
+            turn, move = slice(_TURNS[kind]), slice(_TURNS[kind], None)
+            for part, most in ((turn, self._largest_turn), (move, self._farthest)):
+                length = np.linalg.norm(way[part])
+                share[part] = most / length if length > most else 1.0
+            if (share < 1.0).any():
+                limited[x] = _moved(last[x], share * way, kind)
+                limited[v] *= share == 1.0
+        self._last = limited
+        return limited
 
     def _judge(
         self,
@@ -175,16 +157,17 @@ class TargetStream:
         sender: object,
     ) -> str:
         kind, before = self.layout.kinds[task], self._tracks.get(task)
-        if before is not None and now - before.arrived > self.gate.timeout:
-            before = None  # it was lost: a sender may have started again
-        if before is not None and before.sender != sender:
-            before = None  # whose clock says nothing of this one's
+        if before is not None and (
+            now - before.arrived > self.gate.timeout  # a sender may have started again
+            or before.sender != sender  # whose clock says nothing of this one's
+        ):
+            before = None
         if before is not None and sent <= before.sent:
             return LATE
-        away = _difference(here[self._places.x[task]], x, kind)[_TURNS[kind] :]
+        away = _difference(here[self._x[task]], x, kind)[_TURNS[kind] :]
         if kind != "joint" and np.linalg.norm(away) > self.gate.distance:
             return REJECTED
-        rows = self._places.v[task]
+        rows = self._v[task]
         track = _Track(x, np.zeros(rows.stop - rows.start), sender, sent, now)
         self._tracks[task] = track
         if before is None or sent - before.sent < _SHORTEST:

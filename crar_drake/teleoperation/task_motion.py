@@ -43,7 +43,8 @@ class TaskMotion(SafeMotion):
                 "happen; what moves a robot by hand needs lookahead"
             )
         # Anybody may send obstacles, at any time.
-        self.model, self.law = model, ControlLaw(model, parameters.among_obstacles())
+        self.parameters = parameters.among_obstacles()
+        self.model, self.law = model, ControlLaw(model, self.parameters)
         self.layout, self.period = model.layout, parameters.period
         try:
             self.law.among  # noqa: B018 (made here, since it takes a while)
@@ -61,37 +62,21 @@ class TaskMotion(SafeMotion):
         return self.model.tasks_at(self.q)
 
     def move(self, tasks: np.ndarray, obstacles: Obstacles | None = None) -> Moved:
-        solution = self.advance(tasks, obstacles)
-        distances = solution.signed_distances
+        solution = self._step(tasks, obstacles)
+        self.q, self.v = np.split(solution.position_command, [len(self.q)])
         return Moved(
             STATUS_WORDS[float(solution.status[0])],
             HOW.get(float(solution.admission[0]), NOMINAL),
-            float(distances.min(initial=np.inf)),
+            float(solution.signed_distances.min(initial=np.inf)),
             solution.actuation,
             because_of(solution.obstacle),
         )
 
-    def advance(
-        self, tasks: np.ndarray, obstacles: Obstacles | None = None
-    ) -> Solution:
-        """A step as of `move`, and all that the law says of it; the state is then that
-        of its `position_command`."""
-        solution = self.law.step(
-            self.q, self.v, tasks, self._still, obstacles=obstacles
-        )
-        self.q, self.v = np.split(solution.position_command, [len(self.q)])
-        return solution
+    def _step(self, tasks: np.ndarray, obstacles: Obstacles | None = None) -> Solution:
+        still = self._still
+        return self.law.step(self.q, self.v, tasks, still, obstacles=obstacles)
 
-    def _wrong_here(self) -> str:
-        start = self.q
-        solution = self.advance(self.where())
-        self._stand(start)
-        if solution.admission[3] != 0.0:
-            return ""
-        nearest = int(solution.signed_distances.argmin())
-        a, b = self.model.pairs.names[nearest]
-        floor = self.law.parameters.safety_distance
-        return (
-            f"{a} - {b} are {1e3 * solution.signed_distances[nearest]:.1f} mm apart "
-            f"there, and the floor is {1e3 * floor:.1f} mm"
-        )
+    def _is_clear(self) -> bool:
+        solution = self._step(self.where())
+        self.law.reset()
+        return solution.admission[3] != 0.0

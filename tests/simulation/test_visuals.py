@@ -1,18 +1,13 @@
 """Robots without visual geometry: what is drawn of them, and what is left alone."""
 
-import numpy as np
 import pytest
-from pydrake.geometry import Meshcat, Role
+from pydrake.geometry import Role
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from small_robots import chain_urdf
 
-from benchmarks.section_iv.snapshots import SnapshotRenderer
 from crar_drake.commands import main
-from crar_drake.robot.description import RobotDescription
-from crar_drake.simulation.diagram import MakeCrarDiagram
-from crar_drake.simulation.scenario import load_scenario
 from crar_drake.simulation.visuals import draw_collision_shapes, models_without_visuals
 
 SEEN = chain_urdf("zz").replace("chain", "seen").replace(
@@ -89,22 +84,3 @@ def test_the_recording_draws_them_and_the_command_says_so(robot, capsys):
     assert "no visual geometry: its collision shapes are drawn" in (
         capsys.readouterr().out
     )
-
-
-def test_they_are_in_meshcat(robot):
-    meshcat = Meshcat()
-    diagram = MakeCrarDiagram(load_scenario("s.yaml"), meshcat)
-    context = diagram.CreateDefaultContext()
-    diagram.ExecuteInitializationEvents(context)
-    diagram.ForcedPublish(context)
-    for link in ("l0", "l1"):
-        assert meshcat.HasPath(f"/drake/illustration/chain/{link}")
-
-
-def test_snapshots_show_them(robot):
-    description = RobotDescription(
-        model="arm.urdf", base="base", pairs=[["l1", "post"]], folder=str(robot)
-    )
-    renderer = SnapshotRenderer(description, size=(60, 60), height=1.5)
-    picture = renderer.render(np.zeros(2))
-    assert 0.02 < (picture.min(axis=2) < 0.95).mean() < 0.6

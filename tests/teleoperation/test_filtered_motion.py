@@ -184,7 +184,7 @@ def test_obstacles_grow_until_they_are_taken_away():
 
 
 def test_what_cannot_be_begun(made):
-    with pytest.raises(ScenarioError, match="nearer there than the floor"):
+    with pytest.raises(ScenarioError, match="apart there, and the floor is"):
         made.begin(
             {"left_shoulder_pitch": 0.0, "left_elbow": -2.0, "left_shoulder_yaw": -1.2}
         )

@@ -444,14 +444,14 @@ def test_after_a_stall_it_goes_on_from_rest(server, client, monkeypatch):
 
     monkeypatch.setattr(module.time, "monotonic", lambda: now)
     monkeypatch.setattr(server, "_wait", lambda tick: (later(tick), server._receive()))
-    speeds, step = [], server.motion.advance
+    speeds, step = [], server.motion.move
 
-    def advance(desired, *rest):
+    def move(desired, *rest):
         speeds.append(np.abs(server.motion.v).max())
         client.send(targets(0.01 * len(speeds), left_wrist=there))
         return step(desired, *rest)
 
-    monkeypatch.setattr(server.motion, "advance", advance)
+    monkeypatch.setattr(server.motion, "move", move)
     server.run(0.9)
     assert speeds[19] > 0.3 and speeds[20] == 0.0 and max(speeds[21:]) > 0.3
     assert server.statistics.stalls == 1

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.law.tasks import TaskLayout
 from crar_drake.teleoperation.gate import Gate
 from crar_drake.teleoperation.messages import TargetMessage
-from crar_drake.teleoperation.target_stream import RateLimiter, TargetStream
+from crar_drake.teleoperation.target_stream import TargetStream
 
 LAYOUT = TaskLayout(("wrist", "hand"), ("position", "pose"))
 GATE = Gate(speed=1.0, angular_speed=2.0, distance=0.5, timeout=0.2)
@@ -113,7 +113,7 @@ def pose(x: float, angle: float, v: float = 0.0, rate: float = 0.0) -> np.ndarra
 
 
 def test_within_the_bounds_targets_are_passed_as_they_are():
-    limiter = RateLimiter(LAYOUT, GATE, PERIOD)
+    limiter = TargetStream(LAYOUT, GATE, PERIOD)
     limiter.limit(HERE, HERE)
     for k in range(1, 40):
         x, angle = 0.99 * PERIOD * k, 1.98 * PERIOD * k
@@ -122,7 +122,7 @@ def test_within_the_bounds_targets_are_passed_as_they_are():
 
 
 def test_a_leap_of_a_pose_is_a_straight_way_and_a_turn_the_shorter_way_round():
-    limiter = RateLimiter(LAYOUT, GATE, PERIOD)
+    limiter = TargetStream(LAYOUT, GATE, PERIOD)
     limiter.limit(HERE, HERE)
     goal = pose(0.3, np.deg2rad(-170.0))
     places, angles = [0.0], [0.0]
@@ -139,7 +139,7 @@ def test_a_leap_of_a_pose_is_a_straight_way_and_a_turn_the_shorter_way_round():
 
 
 def test_after_lost_targets_the_way_begins_where_the_robot_is():
-    limiter = RateLimiter(LAYOUT, GATE, PERIOD)
+    limiter = TargetStream(LAYOUT, GATE, PERIOD)
     limiter.limit(pose(0.02, 0.0), HERE)
     lost = np.full(LAYOUT.size, np.nan)
     assert np.isnan(limiter.limit(lost, HERE)).all()

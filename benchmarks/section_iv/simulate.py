@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.section_iv.plan import Plan, Simulation
-from benchmarks.sweep.cases import Case, Result, judge
-from benchmarks.sweep.cases import failed as failed_case
+from benchmarks.sweep.cases import Case, Result, failed as failed_case, judge
 from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.log import SimulationLog
 from crar_drake.simulation.scenario import parse_scenario

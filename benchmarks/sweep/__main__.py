@@ -13,8 +13,7 @@ from pathlib import Path
 
 from benchmarks.kept_cases import run_cases, source_digest
 from benchmarks.options import add_duration, list_of, one_of
-from benchmarks.page import Benchmark
-from benchmarks.page import run as run_command
+from benchmarks.page import Benchmark, run as run_command
 from benchmarks.sweep.cases import (
     Result,
     default_scenario,
@@ -26,12 +25,7 @@ from benchmarks.sweep.cases import (
 )
 from benchmarks.sweep.tables import failures, headline, sweep_tables
 from crar_drake.commands.options import (
-    CONSTRAINTS,
-    CONSTRAINTS_HELP,
-    EXPERIMENT_HELP,
     EXPERIMENTS,
-    LEVEL_HELP,
-    LEVELS,
     MOTION_HELP,
     UsageError,
     add_frame_rate,
@@ -39,6 +33,7 @@ from crar_drake.commands.options import (
     positive,
 )
 from crar_drake.fresh_processes import given_or_fresh
+from crar_drake.law.parameters import CONSTRAINTS, LEVELS
 from crar_drake.simulation.scenario import load_scenario
 
 
@@ -53,14 +48,14 @@ def main(argv: Sequence[str] | None = None) -> None:
         help=f"a folder with .amc files in it or below, or a motion: {MOTION_HELP}",
     )
     parser.add_argument(
-        "--experiment",
+        "--tasks",
         choices=(*EXPERIMENTS, "both"),
         default="both",
-        help=f"{EXPERIMENT_HELP}; both: the first two (default: %(default)s)",
+        help="of the paper's experiments (default: %(default)s)",
     )
     for name, convert, text in (
-        ("constraints", one_of(CONSTRAINTS), CONSTRAINTS_HELP),
-        ("level", one_of(LEVELS), LEVEL_HELP),
+        ("constraints", one_of(CONSTRAINTS), f"of {', '.join(CONSTRAINTS)}"),
+        ("level", one_of(LEVELS), f"of the paper's law: {' or '.join(LEVELS)}"),
         ("period", positive, "time between two computations of the torque [s]"),
     ):
         parser.add_argument(
@@ -97,7 +92,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     controller = scenario.controller
     cases = make_cases(
         find_motions(arguments.paths),
-        EXPERIMENTS if arguments.experiment == "both" else [arguments.experiment],
+        EXPERIMENTS if arguments.tasks == "both" else [arguments.tasks],
         arguments.constraints or [controller.constraints],
         arguments.level or [controller.level],
         arguments.period or [controller.period],

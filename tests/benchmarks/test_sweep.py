@@ -57,7 +57,7 @@ def test_the_tables_have_a_column_a_mode_and_a_row_a_clip():
 def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(fresh_processes, "FreshProcesses", ThreadPoolExecutor)
-    argv = "dance --experiment wrists --jobs 1 --period 0.005 --out it/all.json".split()
+    argv = "dance --tasks wrists --jobs 1 --period 0.005 --out it/all.json".split()
     argv += ["--constraints", "paper,lookahead", "--duration"]
     main([*argv, "0.1"])
     printed = capsys.readouterr()

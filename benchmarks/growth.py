@@ -26,9 +26,9 @@ from benchmarks.step_timing import fit_growth
 from crar_drake.law.safety_filter import SafetyFilter
 from crar_drake.motion.catalogue import motion_files
 from crar_drake.motion.options import MotionOptions
-from crar_drake.references.clean_file import FileCleaner
+from crar_drake.references.clean_file import CleanOptions
 from crar_drake.references.cleaning import Cleaner
-from crar_drake.references.retarget_file import FileRetargeter, RetargetOptions
+from crar_drake.references.retarget_file import RetargetOptions
 from crar_drake.robot.description import RobotDescription, whole_body_name
 
 TIMES = (1, 2, 4, 8)  # there and back
@@ -78,8 +78,7 @@ def with_frames(robot: str, motion: Path) -> list[str]:
     """
     cleans = motion.suffix == ".csv"
     besides = () if cleans else motion_files(motion, MotionOptions())[1:]
-    options = RetargetOptions(layout="xyzw-csv")
-    work = FileCleaner(robot) if cleans else FileRetargeter(robot, options)
+    work = (CleanOptions(robot) if cleans else RetargetOptions(robot)).begin()
     lines = motion.read_text(encoding="utf-8").splitlines()
     clips, seconds = [], []
     with tempfile.TemporaryDirectory() as name:

@@ -172,7 +172,7 @@ class Comparison:
             python: that has mink.
         """
         self._own = FileRetargeter(
-            robot, RetargetOptions(layout="mjlab-npz", rate=RATE)
+            RetargetOptions(robot, layout="mjlab-npz", rate=RATE)
         )
         self._retargeter = self._own.retargeter
         description, plant = self._retargeter.description, self._retargeter.model.plant

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 from crar_drake.commands.folders import (
     frames_bar,
     progress_bar,
-    report_files,
+    violations,
     work_on,
+    written_lines,
 )
 from crar_drake.commands.options import (
     UsageError,
@@ -23,7 +24,7 @@ from crar_drake.commands.options import (
     positive,
     share,
 )
-from crar_drake.commands.output import OUT, counted, final_line, label
+from crar_drake.commands.output import OUT, final_line, label
 
 if TYPE_CHECKING:
     from crar_drake.references.clean_file import CleanedClip
@@ -155,16 +156,30 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         The exit code: 1 if something is still violated or a file of a folder failed.
     """
+    from crar_drake.references.change import AtMost
     from crar_drake.references.cleaning import CleaningParameters
     from crar_drake.robot.description import whole_body_name
 
     reference: Path = arguments.reference
     arguments.robot = whole_body_name(arguments.robot)
-    parameters = CleaningParameters(
-        hands=arguments.hands, velocity_scale=arguments.velocity_scale
-    )
+    options = {
+        "robot": arguments.robot,
+        "parameters": CleaningParameters(
+            hands=arguments.hands, velocity_scale=arguments.velocity_scale
+        ),
+        "layout": arguments.layout,
+        "rate": arguments.frame_rate,
+        "frames": arguments.frames,
+        "ground": arguments.ground,
+        "retime": arguments.retime,
+        "at_most": AtMost(**arguments.at_most),
+    }
     if reference.is_dir():
-        return _clean_folder(arguments, parameters)
+        from crar_drake.references.clean_file import CleanOptions
+
+        out = arguments.out or OUT / "clean" / label(reference / "all").parent.name
+        work = CleanOptions(**options)
+        return work_on(work, reference, out, arguments.jobs, _summary)
     if arguments.jobs is not None:
         raise UsageError("--jobs is for folders")
     from crar_drake.files import check_file
@@ -184,16 +199,9 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.no_page:
         check_file(page)
     with frames_bar() as progress:
-        clips = clean_file(
-            reference,
-            out,
-            arguments.robot,
-            parameters,
-            progress=progress,
-            **_options(arguments),
-        )
+        clips = clean_file(reference, out, progress=progress, **options)
     for clip in clips:
-        for line in clip_lines(clip):
+        for line in (*_clip_lines(clip), *written_lines(clip)):
             print(line)
     print(out)
     print(certificate_path(out), flush=True)
@@ -204,43 +212,14 @@ def run(arguments: argparse.Namespace) -> int:
     return final_line(violations(clips), left=[c.left for c in clips], guessed=guessed)
 
 
-def _options(arguments: argparse.Namespace) -> dict:
-    """See `FileOptions`."""
-    from crar_drake.references.change import AtMost
-
-    return {
-        "layout": arguments.layout,
-        "rate": arguments.frame_rate,
-        "frames": arguments.frames,
-        "ground": arguments.ground,
-        "retime": arguments.retime,
-        "at_most": AtMost(**arguments.at_most),
-    }
-
-
-def violations(clips: Sequence[CleanedClip]) -> list[str]:
-    """What motions still violate, in a few words each."""
-    unclear = sum(c.unclear > 0 or c.meshes_unclear > 0 for c in clips)
+def _summary(clips: Sequence[CleanedClip]) -> list[str]:
+    """What became of the motions of a folder, in words."""
     return [
-        *counted(sum(c.penetrating for c in clips), "frame", "penetrate{s}"),
-        *counted(sum(c.beyond_limit for c in clips), "frame", "beyond a joint limit"),
-        *counted(sum(c.too_fast for c in clips), "frame", "beyond a speed limit"),
-        *counted(
-            sum(max(c.meshes_penetrating, 0) for c in clips),
-            "frame",
-            "with meshes that penetrate",
-        ),
-        *counted(unclear, "motion", "with a way between frames that is not clear"),
-        *_of_each([c.exceeded for c in clips], "changed", "by more than is allowed"),
-        *_of_each([c.faults for c in clips], "", "with faults"),
+        f"{len(clips)} motions: capsules penetrated in "
+        f"{sum(clip.penetrating_before > 0 for clip in clips)} and do in "
+        f"{sum(clip.penetrating > 0 for clip in clips)}; "
+        f"{sum(clip.violated for clip in clips)} violate something"
     ]
-
-
-def _of_each(words: list[str], what: str, in_all: str) -> list[str]:
-    """What is said of one motion; of several how many it is said of."""
-    if len(words) == 1:
-        return [f"{what}: {words[0]}".lstrip(": ")] if words[0] else []
-    return counted(sum(map(bool, words)), "motion", f"{what} {in_all}".strip())
 
 
 def _write_page(
@@ -278,8 +257,8 @@ def _write_page(
         )
 
 
-def clip_lines(clip: CleanedClip) -> list[str]:
-    """What cleaning made of a motion, in words."""
+def _clip_lines(clip: CleanedClip) -> list[str]:
+    """What cleaning changed of a motion, in words."""
     lines = [
         *([f"guessed: {clip.guessed}"] if clip.guessed else []),
         f"{clip.clip + ': ' if clip.clip else ''}{clip.frames} frames at "
@@ -310,32 +289,9 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         lines.append(f"changed by more than is allowed: {clip.exceeded}")
     if clip.left:
         lines.append(f"left as it was: {clip.left}")
-    if clip.deepest:
-        lines.append(f"still penetrating, most at {clip.deepest}")
-    if clip.near > clip.penetrating:
-        lines.append(
-            f"{clip.near} frames keep less than the margin, at them or on the way to "
-            "the next"
-        )
     if clip.frozen:
         lines.append(
             f"in {clip.frozen} frames the robot stands still while its reference moves"
-        )
-    if clip.meshes_penetrating < 0:
-        lines.append(
-            "no meshes were looked at: of links that nobody watches nothing is known"
-        )
-    if clip.meshes_penetrating > 0:
-        lines.append(
-            f"meshes penetrate in {clip.meshes_penetrating} frames; crar-drake judge "
-            "tells of which links"
-        )
-    if clip.unclear:
-        lines.append("a way between frames is not shown to be clear")
-    if clip.meshes_unclear > 0:
-        lines.append(
-            "meshes touch, or are not shown to be clear, on "
-            f"{clip.meshes_unclear} ways between frames"
         )
     return lines
 
@@ -344,20 +300,3 @@ def _millimetres(rms: float, worst: float) -> str:
     if rms != rms:
         return "none"
     return f"{1e3 * rms:.1f} mm rms, {1e3 * worst:.1f} mm at most"
-
-
-def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
-    from crar_drake.references.clean_folder import cleaning
-
-    folder: Path = arguments.reference
-    out = arguments.out or OUT / "clean" / label(folder / "all").parent.name
-    work = cleaning(folder, out, arguments.robot, parameters, **_options(arguments))
-    files = work_on(work, arguments.jobs)
-    clips = [clip for file in files for clip in file.clips]
-    print(
-        f"{len(clips)} motions: capsules penetrated in "
-        f"{sum(clip.penetrating_before > 0 for clip in clips)} and do in "
-        f"{sum(clip.penetrating > 0 for clip in clips)}; "
-        f"{sum(clip.violated for clip in clips)} violate something"
-    )
-    return report_files(files, violations, work.table)

@@ -1,4 +1,4 @@
-"""What commands say of a folder whose files they worked on."""
+"""What commands say of motions that they wrote, and of folders of them."""
 
 from __future__ import annotations
 
@@ -12,19 +12,35 @@ from crar_drake.commands.output import continuing, counted, final_line
 from crar_drake.errors import plural
 
 if TYPE_CHECKING:
-    from crar_drake.references.each_file import FileResult
-    from crar_drake.references.folders import FolderWork
+    from crar_drake.references.folders import FileResult
+    from crar_drake.references.pipeline import Operation, WrittenClip
 
 # Files that are reported one by one.
 _MOST_LINES = 10
 
 
-def work_on(work: FolderWork, jobs: int | None) -> list[FileResult]:
-    """Does it, and draws how many files are finished, on stderr, or without a terminal
-    writes a line for each; says there where these are, if it is interrupted."""
-    from crar_drake.references.folders import work_through
+def work_on(
+    operation: Operation,
+    folder: Path,
+    out: Path,
+    jobs: int | None,
+    summary: Callable[[Sequence[Any]], list[str]],
+) -> int:
+    """Works on each file of a folder, and says what became of them.
 
-    with continuing(work.table.parent), progress_bar() as bar:
+    How many files are finished is drawn on stderr, or without a terminal written, a
+    line for each; it says there where these are, if it is interrupted.
+
+    Args:
+        operation, folder, out, jobs: as of `work_through`.
+        summary: of all motions, in words.
+
+    Returns:
+        The exit code: 1 if anything is violated or failed, 2 if there is no motion.
+    """
+    from crar_drake.references.folders import page_of, work_through
+
+    with continuing(out), progress_bar() as bar:
         task = bar.add_task("", total=None)
 
         def show(done: int, total: int, newest: FileResult) -> None:
@@ -34,7 +50,93 @@ def work_on(work: FolderWork, jobs: int | None) -> list[FileResult]:
                 print(f"{done} of {total}: {what}", file=sys.stderr, flush=True)
             bar.update(task, completed=done, total=total, description=what)
 
-        return work_through(work, jobs=jobs, progress=show)
+        files = work_through(operation, folder, out, jobs=jobs, progress=show)
+    clips = [clip for file in files for clip in file.clips]
+    for line in summary(clips):
+        print(line)
+    _some(
+        "violated: ",
+        [
+            f"{file.source} {clip.clip}".rstrip() + f": {'; '.join(violations([clip]))}"
+            for file in files
+            for clip in file.clips
+            if clip.violated
+        ],
+        ", in the table",
+    )
+    skipped = [file.error for file in files if file.skipped]
+    failed = [file.error for file in files if file.error and not file.skipped]
+    _some("skipped: ", skipped, " skipped", sys.stderr)
+    _some("failed: ", failed, " failed", sys.stderr)
+    print(out / operation.table)
+    print(page_of(out / operation.table))
+    if len(skipped) == len(files):
+        print(f"NOT JUDGED: {plural(len(files), 'file')}, and no motion in any")
+        return 2
+    bad = [*violations(clips), *counted(len(failed), "file", "failed")]
+    return final_line(bad, left=[clip.left for clip in clips])
+
+
+def _some(what: str, said: Sequence[str], more: str, to: Any = None) -> None:
+    """Prints the first few of what is said, and how many more there are."""
+    for words in said[:_MOST_LINES]:
+        print(f"{what}{words}", file=to)
+    if len(said) > _MOST_LINES:
+        print(f"and {len(said) - _MOST_LINES} more{more}", file=to)
+
+
+def violations(clips: Sequence[WrittenClip]) -> list[str]:
+    """What motions violate, in a few words each; of one in more of them."""
+    unclear = sum(c.unclear > 0 or c.meshes_unclear > 0 for c in clips)
+    return [
+        *counted(sum(c.penetrating for c in clips), "frame", "penetrate{s}"),
+        *counted(sum(c.beyond_limit for c in clips), "frame", "beyond a joint limit"),
+        *counted(sum(c.too_fast for c in clips), "frame", "beyond a speed limit"),
+        *counted(
+            sum(max(c.meshes_penetrating, 0) for c in clips),
+            "frame",
+            "with meshes that penetrate",
+        ),
+        *counted(unclear, "motion", "with a way between frames that is not clear"),
+        *_of_each([c.exceeded for c in clips], "changed", "by more than is allowed"),
+        *_of_each([c.faults for c in clips], "", "with faults"),
+    ]
+
+
+def _of_each(words: list[str], what: str, in_all: str) -> list[str]:
+    """What is said of one motion; of several how many it is said of."""
+    if len(words) == 1:
+        return [f"{what}: {words[0]}".lstrip(": ")] if words[0] else []
+    return counted(sum(map(bool, words)), "motion", f"{what} {in_all}".strip())
+
+
+def written_lines(clip: WrittenClip) -> list[str]:
+    """What a motion that was written still violates, and what nobody looked at."""
+    lines = []
+    if clip.deepest:
+        lines.append(f"still penetrating, most at {clip.deepest}")
+    if clip.near > clip.penetrating:
+        lines.append(
+            f"{clip.near} frames keep less than the margin, at them or on the way to "
+            "the next"
+        )
+    if clip.meshes_penetrating < 0:
+        lines.append(
+            "no meshes were looked at: of links that nobody watches nothing is known"
+        )
+    if clip.meshes_penetrating > 0:
+        lines.append(
+            f"meshes penetrate in {clip.meshes_penetrating} frames; crar-drake judge "
+            "tells of which links"
+        )
+    if clip.unclear:
+        lines.append("a way between frames is not shown to be clear")
+    if clip.meshes_unclear > 0:
+        lines.append(
+            "meshes touch, or are not shown to be clear, on "
+            f"{clip.meshes_unclear} ways between frames"
+        )
+    return lines
 
 
 @contextmanager
@@ -66,47 +168,3 @@ def progress_bar():
         transient=True,
         disable=not console.is_terminal,
     )
-
-
-def report_files(
-    files: Sequence[FileResult],
-    violated: Callable[[Sequence[Any]], list[str]],
-    table: Path,
-) -> int:
-    """Prints which motions violate something and which files failed, then what was
-    written, and OK or VIOLATED.
-
-    Args:
-        files: what became of them.
-        violated: what motions violate, in a few words each; of one in more of them.
-        table: that was written, with its page beside it.
-
-    Returns:
-        The exit code: 1 if anything is violated or failed, 2 if there is no motion.
-    """
-    from crar_drake.references.folders import page_of
-
-    left = [(file, clip) for file in files for clip in file.clips if clip.violated]
-    for file, clip in left[:_MOST_LINES]:
-        which = f"{file.source} {clip.clip}".rstrip()
-        print(f"violated: {which}: {'; '.join(violated([clip]))}")
-    if len(left) > _MOST_LINES:
-        print(f"and {len(left) - _MOST_LINES} more, in the table")
-    skipped = [file for file in files if file.skipped]
-    for file in skipped[:_MOST_LINES]:
-        print(f"skipped: {file.error}", file=sys.stderr)
-    if len(skipped) > _MOST_LINES:
-        print(f"and {len(skipped) - _MOST_LINES} more skipped", file=sys.stderr)
-    failed = [file for file in files if file.error and not file.skipped]
-    for file in failed[:_MOST_LINES]:
-        print(f"failed: {file.error}", file=sys.stderr)
-    if len(failed) > _MOST_LINES:
-        print(f"and {len(failed) - _MOST_LINES} more failed", file=sys.stderr)
-    print(table)
-    print(page_of(table))
-    clips = [clip for file in files for clip in file.clips]
-    if len(skipped) == len(files):
-        print(f"NOT JUDGED: {plural(len(files), 'file')}, and no motion in any")
-        return 2
-    bad = [*violated(clips), *counted(len(failed), "file", "failed")]
-    return final_line(bad, left=[clip.left for clip in clips])

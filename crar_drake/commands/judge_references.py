@@ -15,7 +15,7 @@ from crar_drake.commands.output import counted, final_line
 from crar_drake.errors import CrarError
 
 if TYPE_CHECKING:
-    from crar_drake.references.each_file import FileResult
+    from crar_drake.references.folders import FileResult
 
 _MILLIMETRE = 1e-3  # [m]
 
@@ -69,9 +69,8 @@ def run_references(arguments: argparse.Namespace) -> int:
         The exit code, as of `final_line`.
     """
     from crar_drake.files import check_folder
-    from crar_drake.references.each_file import FileResult, each_file
     from crar_drake.references.faults import Tolerances
-    from crar_drake.references.folders import references_in
+    from crar_drake.references.folders import FileResult, each_file, references_in
     from crar_drake.references.judged_files import FileJudge, JudgeOptions
     from crar_drake.references.verdict_report import verdict_lines
     from crar_drake.robot.description import load_robot_description, whole_body_name

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crar_drake.commands.clean import changes, clip_lines, violations
-from crar_drake.commands.folders import frames_bar, report_files, work_on
+from crar_drake.commands.clean import changes
+from crar_drake.commands.folders import (
+    frames_bar,
+    violations,
+    work_on,
+    written_lines,
+)
 from crar_drake.commands.options import (
     MOTION_HELP,
     UsageError,
@@ -90,67 +96,59 @@ def run(arguments: argparse.Namespace) -> int:
     from crar_drake.robot.description import whole_body_name
 
     options = {
-        "options": given_motion_options(arguments),
-        "layout": arguments.layout or "",
+        "robot": whole_body_name(arguments.robot),
+        "person": given_motion_options(arguments),
         "rate": arguments.rate,
         "limits": arguments.limits,
     }
+    if arguments.layout:
+        options["layout"] = arguments.layout
     if arguments.at_most:
         options["most_off"] = arguments.at_most["limbs"]
-    arguments.robot = whole_body_name(arguments.robot)
     if Path(arguments.motion).is_dir():
-        return _retarget_folder(arguments, options)
+        from crar_drake.references.retarget_file import RetargetOptions
+
+        folder, work = Path(arguments.motion), RetargetOptions(**options)
+        out = arguments.out or OUT / "retarget" / label(folder / "all").parent.name
+        return work_on(work, folder, out, arguments.jobs, _summary)
     if arguments.jobs is not None:
         raise UsageError("--jobs is for folders")
     from crar_drake.references.certificate_files import certificate_path
     from crar_drake.references.contacts import contacts_path
-    from crar_drake.references.layouts import layout_named
-    from crar_drake.references.retarget_file import layout_of, retarget_file
+    from crar_drake.references.retarget_file import retarget_file
 
     name = f"{label(arguments.motion)}.csv"
     out = arguments.out or OUT / "retarget" / name
     if out.is_dir():
         out = out / Path(name).name
     with frames_bar() as progress:
-        clip = retarget_file(
-            arguments.motion, out, arguments.robot, progress=progress, **options
-        )
-    for line in _lines(clip):
+        clip = retarget_file(arguments.motion, out, progress=progress, **options)
+    for line in (*_lines(clip), *(written_lines(clip) if arguments.verbose else ())):
         print(line)
-    if arguments.verbose:
-        for line in clip_lines(clip):
-            print(line)
     print(out)
     print(certificate_path(out))
-    if not layout_named(layout_of(out, options["layout"])).has_room:
+    if contacts_path(out).exists():
         print(contacts_path(out))
     return final_line(violations([clip]))
 
 
-def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
-    from crar_drake.references.retarget_folder import retargeting
-
-    folder = Path(arguments.motion)
-    out = arguments.out or OUT / "retarget" / label(folder / "all").parent.name
-    work = retargeting(folder, out, arguments.robot, **options)
-    files = work_on(work, arguments.jobs)
-    rows = [row for file in files for row in file.clips]
-    violated = sum(row.violated for row in rows)
-    print(
-        f"{len(rows)} motions, {sum(row.frames for row in rows)} frames: "
-        f"{violated} violate something"
-    )
-    if rows:
+def _summary(clips: Sequence[RetargetedClip]) -> list[str]:
+    """What became of the motions of a folder, in words."""
+    lines = [
+        f"{len(clips)} motions, {sum(clip.frames for clip in clips)} frames: "
+        f"{sum(clip.violated for clip in clips)} violate something"
+    ]
+    if clips:
         median, most = (
-            math.degrees(max(getattr(row, name) for row in rows))
+            math.degrees(max(getattr(clip, name) for clip in clips))
             for name in ("limbs_median", "limbs_most")
         )
-        print(
+        lines.append(
             f"at most, of all: limbs are off in direction by {median:.1f} deg in the "
             f"median and {most:.1f} deg in 95 % of the frames; planted feet slip by "
-            f"{1e3 * max(row.slip for row in rows):.1f} mm"
+            f"{1e3 * max(clip.slip for clip in clips):.1f} mm"
         )
-    return report_files(files, violations, work.table)
+    return lines
 
 
 def _lines(clip: RetargetedClip) -> list[str]:

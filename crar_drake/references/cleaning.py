@@ -22,10 +22,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.errors import ModelError, MotionError, ScenarioError
 from crar_drake.law.checks import check_numbers
 from crar_drake.references.ground_contact import FEET, HANDS
 from crar_drake.references.mesh_rows import MeshRows
+from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.uncovered import Uncovered
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
@@ -162,6 +163,30 @@ class Cleaner:
         """(n,) how far each joint may go from a frame to the next [rad or m]."""
         limits = self.model.velocity_limits[self.model.controlled]
         return self.parameters.velocity_scale * limits / self.rate
+
+    def columns(self, motion: RobotMotion) -> list[int]:
+        """Where the joints that are controlled stand in a motion's.
+
+        Raises:
+            MotionError: the motion moves joints that the robot does not control, so
+                that distances would not be those of the motion.
+        """
+        others = sorted(set(motion.joint_names) - set(self.model.joint_names))
+        if others:
+            raise MotionError(
+                f"{motion.source}: robot {self.description.name} does not control "
+                f"{', '.join(others[:5])}: import it with --whole-body, or take these "
+                "out of its prescribed_joints"
+            )
+        return [motion.joint_names.index(name) for name in self.model.joint_names]
+
+    def controlled(self, motion: RobotMotion) -> np.ndarray:
+        """(T, n) a motion's joints, in the order of the model [rad or m].
+
+        Raises:
+            MotionError: as `columns`.
+        """
+        return np.ascontiguousarray(motion.joint_positions[:, self.columns(motion)])
 
     def margins(self, q: np.ndarray) -> Margins:
         """What a motion (T, n) of the controlled joints keeps.

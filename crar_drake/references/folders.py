@@ -1,7 +1,7 @@
 """All files of a folder worked on in parallel; what was stopped continues.
 
-What is to be done with each file is a `FolderWork`: it writes a motion with its
-certificate (`motion_certificate`), and has a line in one table for each motion.
+What is done with each file is an `Operation`: it writes a motion with its certificate,
+and has a line in one table for each motion. A bad file spoils no other.
 """
 
 from __future__ import annotations
@@ -9,15 +9,17 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, NoMotionError
 from crar_drake.files import sole_writer, whole_file
+from crar_drake.fresh_processes import given_or_fresh, in_batches
 from crar_drake.motion.robots_own import is_reference
 from crar_drake.references.certificate_files import (
     certificate_path,
@@ -25,11 +27,13 @@ from crar_drake.references.certificate_files import (
     read_certificate,
     robot_files,
 )
-from crar_drake.references.each_file import FileResult, Work, each_file
-from crar_drake.references.folder_page import Figure, PageRow, write_folder_page
+from crar_drake.references.folder_page import PageRow, write_folder_page
 from crar_drake.robot.description import load_robot_description
 
-CLEANED_TABLE, RETARGETED_TABLE = "cleaned.csv", "retargeted.csv"
+if TYPE_CHECKING:
+    from crar_drake.references.pipeline import Operation
+
+TABLES = ("cleaned.csv", "retargeted.csv")
 # How their heading begins.
 _FIRST_COLUMNS = ("file", "clip", "error")
 
@@ -38,26 +42,80 @@ _ANY_NAME = "surrogateescape"
 
 _CONVERSIONS = {"int": int, "float": float, "str": str}
 
+# A process that has worked for so long gives back what it has [s].
+_LONG = 60.0
+
+
+# --- each file by itself ----------------------------------------------------------
+
 
 @dataclass(frozen=True)
-class FolderWork:
-    """What is to be done with the files of a folder."""
+class FileResult:
+    """What became of one file."""
 
-    folder: Path  # that they are in, or below
-    table: Path  # a CSV in another folder, which what is written is in, or below
-    # of it: a dataclass whose fields are numbers and texts, `clip` among them
-    row: type
-    # each file to that which is to be written of it, or `apart` from it
-    places: Mapping[Path, Path]
-    begin: Callable[[], Work]  # from a file and its place to its rows (`each_file`)
-    # of a row, for the page; the first one says which motion is the worst
-    figures: Sequence[Figure]
-    note: Callable[[Any], str]  # what else the page says of a row
-    robot: str  # name or folder of the robot
-    parameters: dict  # what certificates have of them, if nothing is to be done again,
-    options: Callable[[Path], dict]  # and of a file's options
-    # what a row becomes that was kept of a file that is not done again
-    again: Callable[[Any], Any] = lambda row: row
+    source: Path  # the file
+    clips: tuple[Any, ...] = ()  # of its motions, one each; none if it failed
+    error: str = ""  # why it failed, with its name; "" if it did not
+    skipped: bool = False  # whether it did not fail: it holds no motion
+
+
+# From a file, and perhaps its place, to what became of each of its motions.
+Work = Callable[..., Sequence[Any]]
+
+
+def each_file(
+    files: Iterable[Sequence[Any]],
+    begin: Callable[[], Work],
+    *,
+    jobs: int | None = None,
+    executor: Executor | None = None,
+) -> Iterator[FileResult]:
+    """Yields what became of each file, as they are done.
+
+    Args:
+        files: each with what its work is called with besides.
+        begin: makes what a process does with each file; it is sent to other processes.
+        jobs: number of processes; by default one per core.
+        executor: any `concurrent.futures` executor; by default such processes.
+
+    Raises:
+        CrarError: `begin` did.
+    """
+    with given_or_fresh(executor, jobs) as pool:
+        batches = in_batches(pool, _do_some, tuple(files), begin, jobs=jobs)
+        with closing(batches):
+            for (source, *_), result in batches:
+                died = isinstance(result, Exception)  # its process did
+                yield _failed(source, str(result)) if died else result
+
+
+def _do_some(
+    files: Sequence[Sequence[Any]], begin: Callable[[], Work]
+) -> list[FileResult]:
+    """Files one after the other in a process of its own; the first ones alone if they
+    took long, for others to have them soon."""
+    work, until, found = begin(), time.monotonic() + _LONG, []
+    for source, *rest in files:
+        try:
+            result = FileResult(source, tuple(work(source, *rest)))
+        except NoMotionError as error:
+            result = replace(_failed(source, str(error)), skipped=True)
+        except CrarError as error:
+            result = _failed(source, str(error))
+        except Exception as error:
+            result = _failed(source, f"{type(error).__name__}: {error}")
+        found.append(result)
+        if time.monotonic() > until:
+            break
+    return found
+
+
+def _failed(source: Path, why: str) -> FileResult:
+    named = why.startswith(str(source))
+    return FileResult(source, error=why if named else f"{source}: {why}")
+
+
+# --- which files ------------------------------------------------------------------
 
 
 def find_references(folder: Path) -> list[Path]:
@@ -91,7 +149,7 @@ def references_in(paths: Iterable[Path]) -> list[Path]:
 
 def is_table(path: Path) -> bool:
     """Whether a file is the table of a folder that was worked on."""
-    if path.name not in (CLEANED_TABLE, RETARGETED_TABLE):
+    if path.name not in TABLES:
         return False
     start = ",".join(_FIRST_COLUMNS).encode()
     try:
@@ -99,79 +157,6 @@ def is_table(path: Path) -> bool:
             return file.read(len(start)) == start
     except OSError:  # whoever reads it says why
         return False
-
-
-def work_through(
-    work: FolderWork,
-    *,
-    jobs: int | None = None,
-    executor: Executor | None = None,
-    progress: Callable[[int, int, FileResult], None] | None = None,
-) -> list[FileResult]:
-    """Does the work on each file of a folder, and writes the table, and in the end a
-    page beside it (`page_of`).
-
-    A file whose certificate is there, of the same file, robot, parameters and options,
-    is not done again.
-
-    Args:
-        work: what is to be done.
-        jobs, executor: as of `each_file`.
-        progress: is called with (finished, all, newest).
-
-    Raises:
-        ModelError: there is no such robot, or it cannot be used.
-        CrarError: the table's folder is the files' own or below it, or another process
-            is writing to it. What is wrong with one file is reported of it, and is not
-            fatal.
-    """
-    work = replace(work, places=apart(work.places))
-    table, out = work.table, work.table.parent
-    if out.resolve().is_relative_to(work.folder.resolve()):
-        # What is written would be taken for a motion the next time.
-        raise CrarError(
-            f"{out}: is the motions' own folder, or below it; name another (--out)"
-        )
-    files = robot_files(load_robot_description(work.robot))
-    with sole_writer(table):
-        kept = _read_table(table, work.folder, work.row)
-        finished = {
-            path: FileResult(path, tuple(map(work.again, kept[path].clips)))
-            for path, place in work.places.items()
-            if path in kept and _is_done(work, path, place, files)
-        }
-        waiting = [pair for pair in work.places.items() if pair[0] not in finished]
-        results = each_file(waiting, work.begin, jobs=jobs, executor=executor)
-        with closing(results):
-            for result in results:
-                finished[result.source] = result
-                _write_table(work, finished)
-                if progress is not None:
-                    progress(len(finished), len(work.places), result)
-        _write_table(work, finished)
-        _write_page(work, finished)
-    return [finished[path] for path in work.places]
-
-
-def page_of(table: Path) -> Path:
-    """Where the page of a table is."""
-    return table.with_suffix(".html")
-
-
-def _write_page(work: FolderWork, files: Mapping[Path, FileResult]) -> None:
-    page = page_of(work.table)
-    write_folder_page(
-        page,
-        f"{work.folder.absolute().name}: {page.stem}",
-        f"Robot {work.robot}. A click on a heading sorts by it; crar-drake show "
-        "makes a page of two motions.",
-        work.figures,
-        [
-            PageRow(path, work.places[path], clip, result.error or work.note(clip))
-            for path, result in files.items()
-            for clip in result.clips or [None]
-        ],
-    )
 
 
 def apart(places: Mapping[Path, Path]) -> dict[Path, Path]:
@@ -188,7 +173,84 @@ def apart(places: Mapping[Path, Path]) -> dict[Path, Path]:
     return found
 
 
-def _is_done(work: FolderWork, source: Path, out: Path, robot: dict[str, str]) -> bool:
+# --- a folder ---------------------------------------------------------------------
+
+
+def work_through(
+    operation: Operation,
+    folder: Path,
+    out: Path,
+    *,
+    jobs: int | None = None,
+    executor: Executor | None = None,
+    progress: Callable[[int, int, FileResult], None] | None = None,
+) -> list[FileResult]:
+    """Works on each file of a folder, and writes what is made of it to the same place
+    below another, or `apart` from it; there also a table, and in the end a page.
+
+    A file whose certificate is there, of the same file, robot, parameters and options,
+    is not done again.
+
+    Args:
+        operation: what is done with each.
+        folder: with files in it or below.
+        out: another folder.
+        jobs, executor: as of `each_file`.
+        progress: is called with (finished, all, newest).
+
+    Raises:
+        ModelError: there is no such robot, or it cannot be used.
+        CrarError: there is no file; `out` is the files' folder or below it, or another
+            process is writing to it. What is wrong with one file is reported of it, and
+            is not fatal.
+    """
+    sources, table = operation.sources(folder), out / operation.table
+    places = apart({p: operation.place(out / p.relative_to(folder)) for p in sources})
+    if out.resolve().is_relative_to(folder.resolve()):
+        # What is written would be taken for a motion the next time.
+        raise CrarError(
+            f"{out}: is the motions' own folder, or below it; name another (--out)"
+        )
+    robot = robot_files(load_robot_description(operation.robot))
+    with sole_writer(table):
+        kept = read_table(table, folder, operation.record)
+        finished = {
+            path: FileResult(path, tuple(map(operation.again, kept[path].clips)))
+            for path, place in places.items()
+            if path in kept and _is_done(operation, path, place, robot)
+        }
+        waiting = [pair for pair in places.items() if pair[0] not in finished]
+        results = each_file(waiting, operation.begin, jobs=jobs, executor=executor)
+        with closing(results):
+            for result in results:
+                finished[result.source] = result
+                _write_table(table, folder, operation.record, finished)
+                if progress is not None:
+                    progress(len(finished), len(places), result)
+        _write_table(table, folder, operation.record, finished)
+        write_folder_page(
+            page_of(table),
+            f"{folder.absolute().name}: {table.stem}",
+            f"Robot {operation.robot}. A click on a heading sorts by it; crar-drake "
+            "show makes a page of two motions.",
+            operation.figures,
+            [
+                PageRow(path, places[path], clip, result.error or operation.note(clip))
+                for path, result in finished.items()
+                for clip in result.clips or [None]
+            ],
+        )
+    return [finished[path] for path in places]
+
+
+def page_of(table: Path) -> Path:
+    """Where the page of a table is."""
+    return table.with_suffix(".html")
+
+
+def _is_done(
+    operation: Operation, source: Path, out: Path, robot: dict[str, str]
+) -> bool:
     """Whether a file was done before, for the same robot (`robot_files`) and in the
     same way."""
     try:
@@ -196,8 +258,8 @@ def _is_done(work: FolderWork, source: Path, out: Path, robot: dict[str, str]) -
         return (
             certificate["reference"]["sha256"] == file_hash(source)
             and certificate["motion"]["sha256"] == file_hash(out)
-            and certificate["parameters"] == work.parameters
-            and certificate["options"] == work.options(source)
+            and certificate["parameters"] == asdict(operation.parameters)
+            and certificate["options"] == operation.options(source)
             and certificate["robot"]["files"] == robot
         )
     except (CrarError, KeyError, TypeError, OSError):
@@ -207,41 +269,41 @@ def _is_done(work: FolderWork, source: Path, out: Path, robot: dict[str, str]) -
 # --- the table --------------------------------------------------------------------
 
 
-def _columns(row: type) -> dict[str, Callable[[str], Any]]:
+def _columns(record: type) -> dict[str, Callable[[str], Any]]:
     """Name of each column but the first ones to what converts it: numbers first, and of
-    these the row's own before those that it inherits."""
-    kinds = {field.name: field.type for field in fields(row)}
-    own = [name for name in kinds if name in row.__annotations__]
-    names = [*own, *(name for name in kinds if name not in own)]
-    names.sort(key=lambda name: kinds[name] == "str")
-    return {
-        name: _CONVERSIONS[kinds[name]] for name in names if name not in _FIRST_COLUMNS
-    }
+    these the record's own before those that it inherits."""
+    kinds = {field.name: field.type for field in fields(record)}
+    own = record.__annotations__
+    names = [name for name in kinds if name not in _FIRST_COLUMNS]
+    names.sort(key=lambda name: (kinds[name] == "str", name not in own))
+    return {name: _CONVERSIONS[kinds[name]] for name in names}
 
 
-def _write_table(work: FolderWork, files: Mapping[Path, FileResult]) -> None:
-    names = list(_columns(work.row))
+def _write_table(
+    table: Path, folder: Path, record: type, files: Mapping[Path, FileResult]
+) -> None:
+    names = list(_columns(record))
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([*_FIRST_COLUMNS, *names])
     for path in sorted(files):
-        name, result = path.relative_to(work.folder), files[path]
+        name, result = path.relative_to(folder), files[path]
         if result.error:
             writer.writerow([name, "", result.error, *("" for _ in names)])
         for clip in result.clips:
             writer.writerow([name, clip.clip, "", *(getattr(clip, n) for n in names)])
-    with whole_file(work.table) as temporary:
+    with whole_file(table) as temporary:
         temporary.write_text(stream.getvalue(), "utf-8", _ANY_NAME)
 
 
-def _read_table(table: Path, folder: Path, row: type) -> dict[Path, FileResult]:
+def read_table(table: Path, folder: Path, record: type) -> dict[Path, FileResult]:
     """Files that did not fail; none if there is no table, or one of other columns.
 
     A file of which a row is damaged is done again.
     """
     if not os.path.isfile(table):
         return {}
-    columns = _columns(row)
+    columns = _columns(record)
     with open(table, newline="", encoding="utf-8", errors=_ANY_NAME) as stream:
         reader = csv.DictReader(stream)
         if tuple(reader.fieldnames or ()) != (*_FIRST_COLUMNS, *columns):
@@ -262,5 +324,5 @@ def _read_table(table: Path, folder: Path, row: type) -> dict[Path, FileResult]:
             damaged.add(path)
             continue
         before = files[path].clips if path in files else ()
-        files[path] = FileResult(path, (*before, row(clip=each["clip"], **values)))
+        files[path] = FileResult(path, (*before, record(clip=each["clip"], **values)))
     return {path: file for path, file in files.items() if path not in damaged}

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from crar_drake.references.certificate_files import (
     file_hash,
     robot_files,
 )
+from crar_drake.references.cleaning import CleaningParameters
 from crar_drake.references.faults import Fault
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.mesh_clearance import MeshClearance
@@ -64,26 +65,29 @@ class CertifiedClip:
 def make_certificate(
     motion: Path,
     reference: Path,
-    description: RobotDescription,
     clips: Sequence[CertifiedClip],
-    floor: float,
     uncovered: Uncovered,
+    parameters: CleaningParameters,
+    read: dict,
+    options: dict,
 ) -> dict:
     """The contents of a certificate.
 
     Args:
         motion: the file that was written.
         reference: the file that it was made from.
-        description: of the robot.
         clips: what its motions keep.
-        floor: that distances were to keep [m].
         uncovered: what it does not cover.
+        parameters: what was to be kept.
+        read: layout and rate of the file, and what was guessed of its reference.
+        options: how it was made.
     """
+    description = uncovered.description
     return {
         "kind": KIND,
         "format": FORMAT,
         "version": __version__,
-        "motion": {"file": motion.name, "sha256": file_hash(motion)},
+        "motion": {"file": motion.name, "sha256": file_hash(motion), **read},
         "reference": {"file": reference.name, "sha256": file_hash(reference)},
         "robot": {
             "name": description.name,
@@ -96,13 +100,15 @@ def make_certificate(
             "mesh_pairs excused at some frames, counted from 0, where meshes decide",
             "limit": "to the nearest joint limit [rad or m]",
             "speed": "largest share of a joint's speed limit to the next frame",
-            "floor": floor,
+            "floor": parameters.floor,
             "meshes": "of each of mesh_pairs [m]: at_frames, no distance at a frame is "
             "smaller; on_ways, none on a straight way in joint space to the next frame",
         },
         "mesh_pairs": uncovered.mesh_pairs,
         "not_covered": uncovered.as_listed(),
         "clips": [_clip(each, description.pairs) for each in clips],
+        "parameters": asdict(parameters),
+        "options": options,
     }
 
 

@@ -41,6 +41,7 @@ class Uncovered:
     """Pairs of links of which a certificate does not speak.
 
     Attributes:
+        description: of the robot.
         pairs: more than one joint apart, neither watched by their capsules nor covered
             by their meshes.
         why_not: why no meshes are looked at; "" if they are.
@@ -63,15 +64,16 @@ class Uncovered:
             self.meshes = ClearanceOfMeshes(robot)
             not_of = self.meshes.meshes.not_of
             pairs = not_of.as_built + not_of.beyond_root
-        self._watched = robot.description.pairs
-        watched = {frozenset(pair) for pair in self._watched}
+        self.description = robot.description
+        watched = {frozenset(pair) for pair in self.description.pairs}
         self.pairs = [pair for pair in pairs if frozenset(pair) not in watched]
 
     @property
     def by_shapes(self) -> list[list[str]]:
         """Watched pairs of which the shapes about their links decide: meshes do not."""
         meshes = {frozenset(pair) for pair in self.mesh_pairs}
-        return [list(p) for p in self._watched if frozenset(p) not in meshes]
+        watched = self.description.pairs
+        return [list(pair) for pair in watched if frozenset(pair) not in meshes]
 
     @property
     def mesh_pairs(self) -> list[tuple[str, str]]:

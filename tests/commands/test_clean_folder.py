@@ -7,9 +7,8 @@ import pytest
 from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
-from crar_drake.references.clean_folder import cleaning
-from crar_drake.references.each_file import FileResult
-from crar_drake.references.folders import find_references, work_through
+from crar_drake.references.clean_file import CleanOptions
+from crar_drake.references.folders import FileResult, find_references, work_through
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +37,7 @@ def test_a_cleaned_folder_is_judged_without_its_table(folders, capsys):
 
 def test_what_is_still_violated_is_told_with_its_file(folders, monkeypatch, capsys):
     robot, references, out = folders
-    files = work_through(cleaning(references, out, str(robot)), jobs=1)
+    files = work_through(CleanOptions(str(robot)), references, out, jobs=1)
     (clip,) = files[1].clips
     files[1] = FileResult(files[1].source, (replace(clip, penetrating=3),))
     where = "crar_drake.references.folders.work_through"

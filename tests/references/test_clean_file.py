@@ -15,12 +15,11 @@ from crar_drake.errors import CrarError, MotionError, WriteError
 from crar_drake.references.certificate_files import certificate_path, read_certificate
 from crar_drake.references.clean_file import (
     CleanedClip,
+    CleanOptions,
     FileCleaner,
-    FileOptions,
     clean_file,
 )
-from crar_drake.references.clean_folder import cleaning
-from crar_drake.references.folders import _read_table, apart, work_through
+from crar_drake.references.folders import apart, read_table, work_through
 from crar_drake.references.motion_certificate import check_certificate
 from crar_drake.references.motion_files import read_motions, write_motions
 from crar_drake.references.whole_body import WholeBody
@@ -174,15 +173,15 @@ def test_what_is_guessed_is_said(cleaned, tmp_path, capsys):
     main(["clean", *arguments, "--out", str(tmp_path / "a.csv")])
     assert f"guessed: {order}; {rate}" in capsys.readouterr().out
     # All that is guessed is given.
-    again = FileOptions(layout="wxyz-csv", rate=30.0)
-    (row,) = FileCleaner(str(folder), None, again)(reference, tmp_path / "b.csv")
+    again = CleanOptions(str(folder), layout="wxyz-csv", rate=30.0)
+    (row,) = again.begin()(reference, tmp_path / "b.csv")
     assert "quaternion" not in row.guessed and "Hz" not in row.guessed
 
 
 def test_of_what_was_written_here_nothing_is_guessed(cleaned, tmp_path):
     folder, reference, _, _ = cleaned
-    given, out = FileOptions(layout="xyzw-csv", rate=20.0), tmp_path / "out.csv"
-    FileCleaner(str(folder), None, given)(reference, out)
+    out, given = tmp_path / "out.csv", {"layout": "xyzw-csv", "rate": 20.0}
+    clean_file(reference, out, str(folder), **given)
     (row,) = clean_file(out, tmp_path / "again.csv", str(folder))
     assert row.guessed == ""
     (motion,) = read_motions(out)
@@ -318,7 +317,7 @@ def test_neither_motion_nor_certificate_without_the_other(
     def fail(*arguments):
         raise WriteError(tmp_path, "the disk is full")
 
-    monkeypatch.setattr("crar_drake.references.clean_file.write_certificate", fail)
+    monkeypatch.setattr("crar_drake.references.pipeline.write_certificate", fail)
     with pytest.raises(WriteError, match="full"):
         clean_file(calm, tmp_path / "out" / "calm.csv", str(folder))
     assert not (tmp_path / "out").exists()
@@ -391,7 +390,9 @@ def test_a_folder_is_cleaned_once_and_bad_files_are_told(cleaned, tmp_path):
     (references / "deep" / "reach.csv").write_bytes(reference.read_bytes())
     (references / "bad.csv").write_text("1,2,3\n")
     for calls in (2, 3):  # the second time only what failed is tried again
-        files = work_through(cleaning(references, out, str(folder)), executor=Here())
+        files = work_through(
+            CleanOptions(str(folder)), references, out, executor=Here()
+        )
         assert Here.calls == calls
         bad, good = files
         assert bad.error and not bad.clips and "bad.csv" in bad.error
@@ -401,7 +402,7 @@ def test_a_folder_is_cleaned_once_and_bad_files_are_told(cleaned, tmp_path):
     assert len(lines) == 3
     for place in (references, references / "clean"):
         with pytest.raises(CrarError, match="own folder"):
-            work_through(cleaning(references, place, str(folder)))
+            work_through(CleanOptions(str(folder)), references, place)
 
 
 def test_what_is_done_was_done_with_the_same_options(cleaned, tmp_path):
@@ -413,7 +414,9 @@ def test_what_is_done_was_done_with_the_same_options(cleaned, tmp_path):
         for calls in (1, 0):
             before = Here.calls
             files = work_through(
-                cleaning(references, out, str(folder), rate=rate, layout=layout),
+                CleanOptions(str(folder), rate=rate, layout=layout),
+                references,
+                out,
                 executor=Here(),
             )
             assert Here.calls - before == calls
@@ -426,17 +429,17 @@ def test_a_damaged_table_costs_no_more_than_its_files(cleaned, tmp_path):
     references, out = tmp_path / "references", tmp_path / "out"
     references.mkdir()
     (references / "reach.csv").write_bytes(reference.read_bytes())
-    work_through(cleaning(references, out, str(folder)), executor=Here())
+    work_through(CleanOptions(str(folder)), references, out, executor=Here())
     table = out / "cleaned.csv"
     whole = table.read_bytes()
     cuts = [whole[:k] for k in range(0, len(whole), 41)]
     cuts += [whole.replace(b"0.", b"x\xff\0"), whole + b"a" * 200_000]
     for damaged in cuts:
         table.write_bytes(damaged)
-        kept = _read_table(table, references, CleanedClip)
+        kept = read_table(table, references, CleanedClip)
         assert set(kept) <= {references / "reach.csv"}
     table.write_bytes(whole[:-20])
-    (file,) = work_through(cleaning(references, out, str(folder)), executor=Here())
+    (file,) = work_through(CleanOptions(str(folder)), references, out, executor=Here())
     assert not file.error and len(file.clips) == 1
     assert table.read_bytes()[:200] == whole[:200]
 
@@ -453,7 +456,7 @@ def test_any_error_is_of_its_file(cleaned, tmp_path, monkeypatch):
 
     monkeypatch.setattr(FileCleaner, "__call__", fail)
     files = work_through(
-        cleaning(references, tmp_path / "out", str(folder)), executor=Here()
+        CleanOptions(str(folder)), references, tmp_path / "out", executor=Here()
     )
     assert ["PermissionError" in file.error for file in files] == [True, True, True]
 

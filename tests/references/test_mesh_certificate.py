@@ -10,10 +10,8 @@ from small_reference_robots import reaching, write_csv, write_robot
 from crar_drake.commands import main
 from crar_drake.judging.referee import Referee
 from crar_drake.references.certificate_files import certificate_path, read_certificate
-from crar_drake.references.clean_file import MotionCleaner, clean_file
-from crar_drake.references.cleaning import CleaningParameters
+from crar_drake.references.clean_file import CleanOptions, FileCleaner, clean_file
 from crar_drake.references.motion_certificate import check_certificate
-from crar_drake.references.motion_files import read_motions
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 
@@ -139,12 +137,9 @@ def test_meshes_of_pairs_that_nobody_watches(tmp_path, capsys):
     (row,) = clean_file(reference, out, str(folder))
     assert not row.violated and row.meshes_penetrating == row.meshes_unclear == 0
     assert main(["judge", str(out), "--certificate", "--robot", str(folder)]) == 0
-    robot = WholeBody(load_robot_description(folder))
-    cleaner = MotionCleaner(robot, CleaningParameters(), part_meshes=False)
-    motions = read_motions(reference, robot=robot)
-    (row,) = cleaner.clean(
-        motions, out, reference=reference, layout="wxyz-csv", options={}
-    )
+    cleaner = FileCleaner(CleanOptions(str(folder)))
+    cleaner.part_meshes = False
+    (row,) = cleaner(reference, out)
     assert row.penetrating == 0 and row.between > 0.0 and row.violated
     assert 0 < row.meshes_penetrating < row.meshes_unclear < 24
     certificate = read_certificate(certificate_path(out))

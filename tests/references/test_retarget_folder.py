@@ -13,13 +13,9 @@ from small_walker import walker
 from crar_drake.commands import main
 from crar_drake.errors import CrarError, MotionError
 from crar_drake.motion.options import MotionOptions
-from crar_drake.references import each_file
+from crar_drake.references import folders
 from crar_drake.references.folders import find_references, work_through
-from crar_drake.references.retarget_file import retarget_file
-from crar_drake.references.retarget_folder import (
-    find_people,
-    retargeting,
-)
+from crar_drake.references.retarget_file import RetargetOptions, retarget_file
 
 RATE = 15.0
 
@@ -67,18 +63,19 @@ def retarget(places, out, **options):
     robot, people = places
     pool = Here()
     jobs = options.pop("jobs", None)
-    work = retargeting(people, out, str(robot), **({"rate": RATE} | options))
-    files = work_through(work, jobs=jobs, executor=pool)
+    work = RetargetOptions(str(robot), **({"rate": RATE} | options))
+    files = work_through(work, people, out, jobs=jobs, executor=pool)
     return files, sorted(pool.files)
 
 
 def test_people_are_found_and_nothing_else(places, tmp_path):
-    found = [str(path.relative_to(places[1])) for path in find_people(places[1])]
+    work = RetargetOptions("")
+    found = [str(path.relative_to(places[1])) for path in work.sources(places[1])]
     assert found == ["bare/three.amc", "damaged.bvh", "deep/two.amc", "one.amc"]
     (tmp_path / "one.asf").write_text("")
     write_csv(tmp_path / "robot.csv", reaching(5, 30.0, 0.5))
     with pytest.raises(CrarError, match=r"no motions of people .*crar-drake clean"):
-        find_people(tmp_path)
+        work.sources(tmp_path)
 
 
 def test_each_file_has_its_row_or_why_it_failed(places, tmp_path):
@@ -112,14 +109,14 @@ def test_what_is_finished_in_the_same_way_is_not_done_again(
         ({}, all_of),
         ({}, 2),
         ({"rate": 10.0}, all_of),
-        ({"rate": 10.0, "options": MotionOptions(frame_rate=50.0)}, all_of),
-        ({"rate": 10.0, "options": MotionOptions(frame_rate=50.0)}, 2),
+        ({"rate": 10.0, "person": MotionOptions(frame_rate=50.0)}, all_of),
+        ({"rate": 10.0, "person": MotionOptions(frame_rate=50.0)}, 2),
     ):
         files, done = retarget(places, out, **options)
         assert len(done) == count and set(failing) <= set(done)
         assert [len(file.clips) for file in files] == [0, 0, 1, 1]
     # Another skeleton is another person.
-    options = {"rate": 10.0, "options": MotionOptions(frame_rate=50.0)}
+    options = {"rate": 10.0, "person": MotionOptions(frame_rate=50.0)}
     asf = places[1] / "one.asf"
     before = asf.read_bytes()
     asf.write_bytes(before + b"\n")
@@ -127,7 +124,7 @@ def test_what_is_finished_in_the_same_way_is_not_done_again(
     asf.write_bytes(before)
     assert done == sorted([*failing, "one.amc"])
     # A batch that takes long gives back what it has.
-    monkeypatch.setattr(each_file, "_LONG", -1.0)
+    monkeypatch.setattr(folders, "_LONG", -1.0)
     files, done = retarget(places, tmp_path / "other", jobs=1)
     assert len(done) == 4 + 3 + 2 + 1 and len(files) == 4
 
@@ -136,8 +133,8 @@ def test_two_files_of_one_name_are_both_worked_on(places, tmp_path):
     people = tmp_path / "people"
     short_amc(people, "one")
     (people / "one.bvh").write_text("HIERARCHY\n")
-    work = retargeting(people, tmp_path / "out", str(places[0]), rate=RATE)
-    files = work_through(work, executor=Here())
+    work = RetargetOptions(str(places[0]), rate=RATE)
+    files = work_through(work, people, tmp_path / "out", executor=Here())
     assert not files[0].error and files[1].error.startswith(str(people / "one.bvh"))
 
 

@@ -237,7 +237,7 @@ def _judge(
     )
     if verdict.num_pairs:
         outcome.meshes = float(verdict.nearest.distance)
-    outcome.mesh_samples = verdict.num_samples
+    outcome.mesh_samples = len(verdict.frames)
     outcome.meshes_penetrating = verdict.num_penetrating
     outcome.mesh_pairs = [list(each.pair) for each in verdict.penetrations]
     outcome.size = _size(model, scenario, log)

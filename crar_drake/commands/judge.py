@@ -274,18 +274,18 @@ def _judge_meshes(
 
     steps = max(1, len(log.time) - 1)
     every = max(1, round(period * steps / (log.time[-1] - log.time[0] or period)))
-    return MeshJudge(description).judge(log.q[::every]), log.time[::every]
+    return MeshJudge(description).judge(log.q, every), log.time
 
 
 def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
     """The verdict of the meshes in words.
 
     Args:
-        verdict: on a trajectory of T samples.
+        verdict: on a trajectory of T samples, or some of them.
         times: (T,) of the samples [s].
     """
     judged = (
-        f"{plural(verdict.num_samples, 'sample')}, "
+        f"{plural(len(verdict.frames), 'sample')}, "
         f"{plural(verdict.num_pairs, 'pair')} of links more than one joint apart"
     )
     lines = [
@@ -295,9 +295,9 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
     for contact in verdict.penetrations[:_MOST_LINES]:
         lines.append(
             f"  {contact.pair[0]} - {contact.pair[1]}: meshes penetrate in "
-            f"{plural(contact.num_samples, 'sample')}; deepest at "
-            f"{times[contact.index]:.3f} s, where a shift of "
-            f"{-1e3 * contact.mesh_distance:.1f} mm would part them"
+            f"{plural(len(contact.frames), 'sample')}; deepest at "
+            f"{times[contact.frame]:.3f} s, where a shift of "
+            f"{1e3 * contact.depth:.1f} mm would part them"
         )
     lines += _more(verdict.penetrations, "whose meshes penetrate")
     if verdict.left_out:

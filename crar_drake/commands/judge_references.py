@@ -71,7 +71,7 @@ def run_references(arguments: argparse.Namespace) -> int:
     from crar_drake.files import check_folder
     from crar_drake.references.faults import Tolerances
     from crar_drake.references.folders import FileResult, each_file, references_in
-    from crar_drake.references.judged_files import FileJudge, JudgeOptions
+    from crar_drake.references.reference_judge import FileJudge, JudgeOptions
     from crar_drake.references.verdict_report import verdict_lines
     from crar_drake.robot.description import load_robot_description, whole_body_name
 

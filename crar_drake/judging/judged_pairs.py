@@ -3,40 +3,52 @@
 import itertools
 from collections.abc import Sequence
 
+import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
+from crar_drake.robot.description import RobotDescription, find_joint, zero_positions
 
-def pairs_beyond_one_joint(
+Pairs = list[tuple[int, int]]
+
+
+def pairs_by_joints(
     plant: MultibodyPlant, bodies: Sequence[BodyIndex]
-) -> list[tuple[int, int]]:
-    """Pairs of links that more than one joint is between.
+) -> tuple[Pairs, Pairs]:
+    """Pairs of links that more than one joint is between, and those with one.
 
     Links that are welded to each other are one: their shapes overlap as they are
     built. Two links that one joint connects meet at that joint.
 
     Returns:
         Pairs of indices i < j of `bodies`. Links without any chain of joints between
-        them are pairs, too.
+        them are of the first kind, too.
     """
-    welded = _welded(plant)
+    welded = [
+        min(int(each.index()) for each in plant.GetBodiesWeldedTo(plant.get_body(body)))
+        for body in map(BodyIndex, range(plant.num_bodies()))
+    ]
     joined = set()
     for index in plant.GetJointIndices():
         joint = plant.get_joint(index)
         ends = (joint.parent_body().index(), joint.child_body().index())
         joined.add(frozenset(welded[int(end)] for end in ends))
-    return [
-        (i, j)
-        for i, j in itertools.combinations(range(len(bodies)), 2)
-        if (pair := frozenset(welded[int(bodies[k])] for k in (i, j))) not in joined
-        and len(pair) == 2
-    ]
+    beyond, one_joint = [], []
+    for i, j in itertools.combinations(range(len(bodies)), 2):
+        pair = frozenset(welded[int(bodies[k])] for k in (i, j))
+        if len(pair) == 2:
+            (one_joint if pair in joined else beyond).append((i, j))
+    return beyond, one_joint
 
 
-def _welded(plant: MultibodyPlant) -> dict[int, int]:
-    """Each body to the first of those that it is welded to."""
-    first = {}
-    for i in range(plant.num_bodies()):
-        group = plant.GetBodiesWeldedTo(plant.get_body(BodyIndex(i)))
-        first[i] = min(int(body.index()) for body in group)
-    return first
+def postures_as_built(
+    plant: MultibodyPlant, description: RobotDescription
+) -> list[np.ndarray]:
+    """(nq,) positions of the plant each: the rest posture, and zero. Meshes that meet
+    in both do so as they are built."""
+    limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+    zero = np.clip(zero_positions(plant), *limits)
+    rest = zero.copy()
+    for name, value in description.rest_posture.items():
+        rest[find_joint(plant, name).position_start()] = value
+    return [rest, zero]

@@ -6,12 +6,14 @@ without a common point it cannot tell apart from inside: winding numbers do.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cached_property
 
 import numpy as np
 from pydrake.math import RigidTransform
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError
 
 try:
     import fcl
@@ -23,6 +25,10 @@ _DEPTH_TOLERANCE = 1e-5
 
 # Touching triangles whose normals are tried as ways out.
 _MOST_CONTACTS = 16
+
+# A hull is wider by this on all sides: it holds the part in spite of rounding, and a
+# flat part has one [m].
+HULL_MARGIN = 1e-5
 
 # Solid angles that are computed at a time.
 _BLOCK = 1_000_000
@@ -146,6 +152,20 @@ class TriangleMesh:
         """The mesh for FCL, at a pose in another frame A."""
         X = fcl.Transform(X_AB.rotation().matrix(), X_AB.translation())
         return fcl.CollisionObject(self._tree, X)
+
+
+def hull_mesh(vertices: np.ndarray) -> TriangleMesh:
+    """The surface of the convex hull of (N, 3) points, wider by `HULL_MARGIN`."""
+    with suppress(QhullError):  # it is flat, or a needle
+        vertices = vertices[ConvexHull(vertices).vertices]
+    steps = HULL_MARGIN * np.concatenate([np.eye(3), -np.eye(3)])
+    points = (vertices[:, None] + steps).reshape(-1, 3)
+    points = points[ConvexHull(points).vertices]
+    hull = ConvexHull(points)
+    a, b, c = np.moveaxis(points[hull.simplices], 1, 0)
+    outward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) > 0
+    faces = np.where(outward[:, None], hull.simplices, hull.simplices[:, ::-1])
+    return TriangleMesh(points, faces)
 
 
 def mesh_distance(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> float:

@@ -14,15 +14,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
-from crar_drake.judging.judged_pairs import pairs_beyond_one_joint
-from crar_drake.judging.mesh_distance import TriangleMesh, distance_apart, mesh_distance
-from crar_drake.judging.mesh_hulls import HULL_MARGIN, Hulls
-from crar_drake.robot.description import (
-    RobotDescription,
-    find_joint,
-    robot_diagram,
-    zero_positions,
+from crar_drake.judging.judged_pairs import pairs_by_joints, postures_as_built
+from crar_drake.judging.mesh_distance import (
+    HULL_MARGIN,
+    TriangleMesh,
+    distance_apart,
+    hull_mesh,
+    mesh_distance,
 )
+from crar_drake.robot.description import RobotDescription, robot_diagram
 from crar_drake.robot_import.link_meshes import read_link_meshes
 from crar_drake.robot_import.meshes import triangles_of
 
@@ -38,21 +38,28 @@ class Nearest:
 
 @dataclass
 class PairContact:
-    """A pair whose meshes penetrate in some samples of a trajectory."""
+    """A pair whose shapes penetrate in some samples of a trajectory."""
 
     pair: tuple[str, str]  # the two links
-    num_samples: int = 0  # with contact
-    index: int = 0  # the sample where it is deepest
-    mesh_distance: float = np.inf  # in that sample [m]
-    samples: list[int] = field(default_factory=list)  # all of them
+    frames: list[int] = field(default_factory=list)  # those samples, from 0
     depths: list[float] = field(default_factory=list)  # how deep in each of them [m]
+
+    @property
+    def depth(self) -> float:
+        """The deepest [m]."""
+        return max(self.depths)
+
+    @property
+    def frame(self) -> int:
+        """Of the deepest."""
+        return self.frames[int(np.argmax(self.depths))]
 
 
 @dataclass(frozen=True)
 class MeshVerdict:
     """What the meshes say of a trajectory."""
 
-    num_samples: int  # that were judged
+    frames: np.ndarray  # (K,) numbers of the samples that were judged
     num_pairs: int  # that were judged
     num_penetrating: int  # samples with a pair of meshes in penetration
     nearest: Nearest  # the smallest distance of meshes
@@ -85,12 +92,21 @@ class MeshJudge:
         self.links = [link.name for link in of_links]
         self._bodies = [link.body for link in of_links]
         self._meshes = [TriangleMesh(*triangles_of(link.parts)) for link in of_links]
-        self._indices = np.array(
-            pairs_beyond_one_joint(self._plant, self._bodies), dtype=int
-        ).reshape(-1, 2)
+        self._hulls = [
+            [hull_mesh(part.vertices) for part in link.parts] for link in of_links
+        ]
+        beyond, _ = pairs_by_joints(self._plant, self._bodies)
+        self._indices = np.array(beyond, dtype=int).reshape(-1, 2)
         self._context = self._plant.CreateDefaultContext()
-        self._hulls = Hulls(of_links)
-        self._set_left_out(description)
+        as_built = np.ones(len(beyond), dtype=bool)
+        for q in postures_as_built(self._plant, description):
+            meet = np.zeros_like(as_built)
+            for _, row, motion in self._near(q, np.full(len(meet), HULL_MARGIN), {}):
+                meet[row] = self._apart(row, motion) == 0.0
+            as_built &= meet
+        pairs = self.pairs
+        self.left_out = [pairs[row] for row in np.flatnonzero(as_built)]
+        self._indices = self._indices[~as_built]
 
     @property
     def pairs(self) -> list[tuple[str, str]]:
@@ -103,35 +119,51 @@ class MeshJudge:
         meshes = zip(self.links, self._meshes, strict=True)
         return [name for name, mesh in meshes if not mesh.is_closed]
 
-    def distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Signed distances of all pairs by hulls and by meshes; slow.
+    def distances(self, q: np.ndarray) -> np.ndarray:
+        """(Nc,) signed distances of all pairs [m]; slow.
 
         Args:
             q: (nq,) positions of the plant.
-
-        Returns:
-            (Nc,) distances of the hulls and (Nc,) of the meshes [m].
         """
         poses = self._poses(q)
-        self._hulls.place(poses)
-        return (
-            np.array([self._hulls.distance(i, j) for i, j in self._indices]),
-            np.array([self._mesh_distance(poses, i, j) for i, j in self._indices]),
+        return np.array(
+            [
+                self._signed(row, self._motion(poses, row))
+                for row in range(len(self._indices))
+            ]
         )
 
-    def judge(self, q_trajectory: np.ndarray) -> MeshVerdict:
-        """Judges every sample of a (T, nq) trajectory [rad or m]."""
-        tally = _Tally(self.pairs)
-        for index, q in enumerate(q_trajectory):
-            self._judge_sample(tally, index, q)
+    def judge(self, q_trajectory: np.ndarray, every: int = 1) -> MeshVerdict:
+        """Judges each, or every so many, of the samples of a (T, nq) trajectory [rad or
+        m]."""
+        frames = np.arange(0, len(q_trajectory), every)
+        pairs, known, num_penetrating = self.pairs, {}, 0
+        contacts: dict[int, PairContact] = {}
+        nearest = Nearest()
+        for frame in frames.tolist():
+            # What is beyond the nearest meshes so far is of no interest.
+            least = np.full(len(pairs), max(nearest.distance, 0.0))
+            near = list(self._near(q_trajectory[frame], least, known))
+            penetrating = False
+            for hulls, row, motion in sorted(near, key=lambda each: each[:2]):
+                if hulls > max(nearest.distance, 0.0):
+                    break
+                d = self._signed(row, motion)
+                known[row] = motion, d
+                if d < nearest.distance:
+                    nearest = Nearest(float(d), pairs[row], frame)
+                if d < 0.0:
+                    penetrating = True
+                    contact = contacts.setdefault(row, PairContact(pairs[row]))
+                    contact.frames.append(frame)
+                    contact.depths.append(float(-d))
+            num_penetrating += penetrating
         return MeshVerdict(
-            num_samples=len(q_trajectory),
-            num_pairs=len(tally.pairs),
-            num_penetrating=tally.num_penetrating,
-            nearest=tally.meshes,
-            penetrations=sorted(
-                tally.penetrations.values(), key=lambda contact: contact.mesh_distance
-            ),
+            frames=frames,
+            num_pairs=len(pairs),
+            num_penetrating=num_penetrating,
+            nearest=nearest,
+            penetrations=sorted(contacts.values(), key=lambda each: -each.depth),
             left_out=self.left_out,
             open_links=self.open_links,
         )
@@ -148,50 +180,46 @@ class MeshJudge:
         Yields:
             The sample, the pair's index, and the distance [m], 0 in penetration.
         """
-        hulls, meshes = _Known(), _Known()
-        for index, (q, bounds) in enumerate(samples):
-            poses = self._poses(q)
-            self._hulls.place(poses)
-            for row in self._near_balls(poses, bounds):
-                (i, j), least = self._indices[row], bounds[row]
-                motion = _Motion(poses[i], poses[j], self._meshes[j])
-                if max(hulls.bound(row, motion), meshes.bound(row, motion)) > least:
-                    continue
-                d = self._hulls.distance(i, j)
-                hulls.tell(row, motion, d)
-                if d > least:
-                    continue
-                d = distance_apart(self._meshes[i], self._meshes[j], motion.X_AB)
-                meshes.tell(row, motion, d)
-                if d < least or d == 0.0:
+        known: dict[int, tuple[_Motion, float]] = {}
+        for index, (q, least) in enumerate(samples):
+            for _, row, motion in self._near(q, least, known):
+                d = self._apart(row, motion)
+                known[row] = motion, d
+                if d < least[row] or d == 0.0:
                     yield index, row, d
 
-    def _judge_sample(self, tally: _Tally, index: int, q: np.ndarray) -> None:
+    def _near(
+        self,
+        q: np.ndarray,
+        least: np.ndarray,
+        known: dict[int, tuple[_Motion, float]],
+    ) -> Iterator[tuple[float, int, _Motion]]:
+        """Yields the distance of hulls [m], the row, and the motion of those pairs that
+        nothing shows to be farther apart than (Nc,) `least` [m]: neither the balls
+        about them, nor how little they moved since they were measured, nor their hulls.
+
+        Args:
+            known: row to where the pair was measured last, and its distance there [m];
+                what is measured of hulls is added. If that is positive, nothing was
+                touched on the way since, so that neither is inside the other.
+        """
         poses = self._poses(q)
-        self._hulls.place(poses)
-        # What is beyond the nearest meshes so far is of no interest.
-        beyond, near = max(tally.meshes.distance, 0.0), []
-        for row in self._near_balls(poses, beyond):
-            i, j = self._indices[row]
-            motion = _Motion(poses[i], poses[j], self._meshes[j])
-            known = tally.hulls_known, tally.meshes_known
-            if max(pairs.bound(row, motion) for pairs in known) <= beyond:
-                distance = self._hulls.distance(i, j)
-                tally.hulls_known.tell(row, motion, distance)
-                near.append((distance, row, motion))
-        near.sort(key=lambda each: each[:2])
-        penetrating = False
-        for hull_distance, row, motion in near:
-            if hull_distance > max(tally.meshes.distance, 0.0):
-                break
-            i, j = self._indices[row]
-            d = mesh_distance(self._meshes[i], self._meshes[j], motion.X_AB)
-            tally.meshes_known.tell(row, motion, d)
-            tally.meshes = tally.nearer(tally.meshes, d, row, index)
-            if d < 0.0:
-                penetrating = True
-                tally.penetrate(row, index, d)
-        tally.num_penetrating += penetrating
+        centres = np.array(
+            [X.multiply(m.centre) for X, m in zip(poses, self._meshes, strict=True)]
+        ).reshape(-1, 3)
+        radii = np.array([mesh.radius for mesh in self._meshes])
+        i, j = self._indices.T
+        gaps = np.linalg.norm(centres[i] - centres[j], axis=1) - radii[i] - radii[j]
+        for row in np.flatnonzero(gaps < least).tolist():
+            motion = self._motion(poses, row)
+            if row in known:
+                before, d = known[row]
+                if d - motion.since(before) > least[row]:
+                    continue
+            hulls = self._hulls_apart(row, motion)
+            known[row] = motion, hulls
+            if hulls <= least[row]:
+                yield hulls, row, motion
 
     def _poses(self, q: np.ndarray) -> list[RigidTransform]:
         """Of each link in the world."""
@@ -201,47 +229,26 @@ class MeshJudge:
             for body in self._bodies
         ]
 
-    def _near_balls(
-        self, poses: list[RigidTransform], bound: float | np.ndarray
-    ) -> np.ndarray:
-        """Rows of the pairs whose bounding balls are nearer than a bound, or theirs."""
-        centres = np.array(
-            [X.multiply(m.centre) for X, m in zip(poses, self._meshes, strict=True)]
-        ).reshape(-1, 3)
-        radii = np.array([mesh.radius for mesh in self._meshes])
-        i, j = self._indices.T
-        gaps = np.linalg.norm(centres[i] - centres[j], axis=1) - radii[i] - radii[j]
-        return np.flatnonzero(gaps < bound)
+    def _motion(self, poses: list[RigidTransform], row: int) -> _Motion:
+        i, j = self._indices[row]
+        return _Motion(poses[i], poses[j], self._meshes[j])
 
-    def _mesh_distance(self, poses: list[RigidTransform], i: int, j: int) -> float:
-        X_AB = poses[i].InvertAndCompose(poses[j])
-        return mesh_distance(self._meshes[i], self._meshes[j], X_AB)
-
-    def _set_left_out(self, description: RobotDescription) -> None:
-        zero = np.clip(
-            zero_positions(self._plant),
-            self._plant.GetPositionLowerLimits(),
-            self._plant.GetPositionUpperLimits(),
+    def _hulls_apart(self, row: int, motion: _Motion) -> float:
+        """The smallest distance of the convex hulls of parts; 0 where they meet [m]."""
+        i, j = self._indices[row]
+        return min(
+            distance_apart(a, b, motion.X_AB)
+            for a in self._hulls[i]
+            for b in self._hulls[j]
         )
-        rest = zero.copy()
-        for name, value in description.rest_posture.items():
-            rest[find_joint(self._plant, name).position_start()] = value
-        meet = np.ones(len(self._indices), dtype=bool)
-        for q in (rest, zero):
-            poses = self._poses(q)
-            self._hulls.place(poses)
-            near = np.zeros_like(meet)
-            near[self._near_balls(poses, HULL_MARGIN)] = True
-            meet &= near
-            for row in np.flatnonzero(meet):
-                i, j = self._indices[row]
-                meet[row] = (
-                    self._hulls.distance(i, j) <= 0.0
-                    and self._mesh_distance(poses, i, j) < 0.0
-                )
-        pairs = self.pairs
-        self.left_out = [pairs[row] for row in np.flatnonzero(meet)]
-        self._indices = self._indices[~meet]
+
+    def _apart(self, row: int, motion: _Motion) -> float:
+        i, j = self._indices[row]
+        return distance_apart(self._meshes[i], self._meshes[j], motion.X_AB)
+
+    def _signed(self, row: int, motion: _Motion) -> float:
+        i, j = self._indices[row]
+        return mesh_distance(self._meshes[i], self._meshes[j], motion.X_AB)
 
 
 class _Motion:
@@ -262,51 +269,3 @@ class _Motion:
         return float(
             np.linalg.norm(self._p_AC - other._p_AC) + 2.0 * self._radius * sine
         )
-
-
-class _Known:
-    """Where pairs, by their rows, were measured last, and their distance there."""
-
-    def __init__(self) -> None:
-        self._last: dict[int, tuple[_Motion, float]] = {}
-
-    def tell(self, row: int, motion: _Motion, distance: float) -> None:
-        self._last[row] = (motion, distance)
-
-    def bound(self, row: int, motion: _Motion) -> float:
-        """What a pair is apart at least [m]; -inf if it was not measured.
-
-        Where it is positive, nothing was touched on the way, so that neither is inside
-        the other.
-        """
-        if row not in self._last:
-            return -np.inf
-        before, distance = self._last[row]
-        return distance - motion.since(before)
-
-
-@dataclass
-class _Tally:
-    """What is known of the samples so far, with pairs by their rows."""
-
-    pairs: list[tuple[str, str]]
-    num_penetrating: int = 0
-    meshes: Nearest = Nearest()
-    penetrations: dict[int, PairContact] = field(default_factory=dict)
-    # Where pairs were measured last.
-    hulls_known: _Known = field(default_factory=_Known)
-    meshes_known: _Known = field(default_factory=_Known)
-
-    def nearer(self, known: Nearest, distance: float, row: int, index: int) -> Nearest:
-        """What is nearest, with one distance more."""
-        if distance < known.distance:
-            return Nearest(float(distance), self.pairs[row], index)
-        return known
-
-    def penetrate(self, row: int, index: int, mesh_distance: float) -> None:
-        contact = self.penetrations.setdefault(row, PairContact(self.pairs[row]))
-        contact.num_samples += 1
-        contact.samples.append(index)
-        contact.depths.append(float(-mesh_distance))
-        if mesh_distance < contact.mesh_distance:
-            contact.index, contact.mesh_distance = index, mesh_distance

@@ -1,8 +1,7 @@
 """The independent judge of a motion: distances, joint and speed limits, plainly.
 
-It shares no code with the controller's distances: here one pair at a time, a
-minimum over candidates that is right by convexity, in scalar code. It is slow
-(20 µs a pair), and meant for judging trajectories afterwards and for tests.
+It shares no code with the controller's distances: here a minimum over candidates that
+is right by convexity. It is meant for judging trajectories afterwards and for tests.
 """
 
 import math
@@ -24,8 +23,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
 from crar_drake.errors import ModelError
-from crar_drake.judging.referee_distances import Axis, distance_of_axes
-from crar_drake.judging.referee_hulls import polytope
+from crar_drake.judging.referee_distances import (
+    Axis,
+    capsule_distance,
+    distance_of_axes,
+    polytope,
+)
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE, find_body
 
 
@@ -115,13 +118,30 @@ class Referee:
         self._set_speeds(velocity_limits)
 
         inspector = scene_graph.model_inspector()
-        self._bodies: dict[str, RigidBody] = {}
-        self._axes: dict[str, list[Axis]] = {}
+        shapes: dict[str, list[int]] = {}
+        self._bodies, self._axes, self._body_of = [], [], []
         for name in (name for pair in self.pairs for name in pair):
-            if name not in self._bodies:
-                self._bodies[name] = find_body(plant, name)
-                self._axes[name] = _body_axes(plant, inspector, self._bodies[name])
-        self._set_balls()
+            if name not in shapes:
+                body = find_body(plant, name)
+                axes = _body_axes(plant, inspector, body)
+                first = len(self._axes)
+                shapes[name] = list(range(first, first + len(axes)))
+                self._body_of += [len(self._bodies)] * len(axes)
+                self._bodies.append(body)
+                self._axes += axes
+        together = [
+            (column, i, j)
+            for column, (a, b) in enumerate(self.pairs)
+            for i in shapes[a]
+            for j in shapes[b]
+        ]
+        self._together = np.array(together, dtype=int).reshape(-1, 3)
+        of_all = [[axis.start, axis.end] for axis in self._axes]
+        self._ends_B = np.array(of_all).reshape(-1, 2, 3)
+        self._radii = np.array([axis.radius for axis in self._axes])
+        self._balls = np.array([axis.ball for axis in self._axes])
+        hulls = np.array([axis.hull is not None for axis in self._axes], dtype=bool)
+        self._plain = ~hulls & np.isfinite(self._radii)
 
     def distances(self, q: np.ndarray) -> np.ndarray:
         """Signed distance of each watched pair: the smallest over its shape pairs.
@@ -164,37 +184,32 @@ class Referee:
         """By how much each position is outside its limits.
 
         Args:
-            q: (nq,) positions of the plant.
+            q: (..., nq) positions of the plant.
 
         Returns:
-            (nq,) excess [rad or m], in the order of `joint_names`; 0 within the
+            (..., nq) excess [rad or m], in the order of `joint_names`; 0 within the
             limits, and where there are none.
 
         Raises:
             ValueError: q has another size, or is not finite.
         """
-        q = self._checked(q)
+        q = _checked(q, "q", "position", self.joint_names)
         return np.maximum(0.0, np.maximum(self.lower - q, q - self.upper))
 
     def speed_excess(self, v: np.ndarray) -> np.ndarray:
         """By how much each velocity is outside its limits.
 
         Args:
-            v: (nv,) velocities of the plant.
+            v: (..., nv) velocities of the plant.
 
         Returns:
-            (nv,) excess [rad/s or m/s], in the order of `velocity_names`; 0 within the
-            limits, and where there are none.
+            (..., nv) excess [rad/s or m/s], in the order of `velocity_names`; 0 within
+            the limits, and where there are none.
 
         Raises:
             ValueError: v has another size, or is not finite.
         """
-        v = np.asarray(v, dtype=float)
-        if v.shape != self.fastest.shape:
-            raise ValueError(f"v must be {self.fastest.shape}, not {v.shape}")
-        for name, value in zip(self.velocity_names, v, strict=True):
-            if not math.isfinite(value):
-                raise ValueError(f"velocity of joint {name!r} is {value}")
+        v = _checked(v, "v", "velocity", self.velocity_names)
         return np.maximum(0.0, np.maximum(self.slowest - v, v - self.fastest))
 
     def violations(
@@ -217,7 +232,7 @@ class Referee:
             raise ValueError(
                 f"q_trajectory must be (T, nq) with T > 0, not {q_trajectory.shape}"
             )
-        excess = np.array([self.limit_excess(q) for q in q_trajectory])
+        excess = self.limit_excess(q_trajectory)
         num_limits = np.sum(excess > LIMIT_TOLERANCE, axis=1)
         num_penetrating_pairs = np.zeros(len(q_trajectory), dtype=int)
         smallest_distance, pair, pair_index = math.inf, None, None
@@ -230,13 +245,6 @@ class Referee:
                     smallest_distance, pair, pair_index = d, self.pairs[column], index
         count = num_penetrating_pairs + num_limits
 
-        largest_excess, joint, joint_index = 0.0, None, None
-        if np.any(excess > 0.0):
-            place = np.unravel_index(np.argmax(excess), excess.shape)
-            joint_index, column = map(int, place)
-            largest_excess = excess[joint_index, column]
-            joint = self.joint_names[column]
-
         return Violations(
             num_samples=len(q_trajectory),
             count=count,
@@ -246,9 +254,7 @@ class Referee:
             smallest_distance=float(smallest_distance),
             smallest_distance_pair=pair,
             smallest_distance_index=pair_index,
-            largest_limit_excess=float(largest_excess),
-            largest_limit_excess_joint=joint,
-            largest_limit_excess_index=joint_index,
+            **_largest("limit", excess, self.joint_names),
             **({} if v_trajectory is None else self._speeds(v_trajectory, len(count))),
         )
 
@@ -285,40 +291,12 @@ class Referee:
             raise ValueError(
                 f"v_trajectory must be ({num_samples}, nv), not {v_trajectory.shape}"
             )
-        excess = np.array([self.speed_excess(v) for v in v_trajectory])
-        beyond = (excess > SPEED_TOLERANCE).any(axis=1)
-        found = dict(num_beyond_speed=int(beyond.sum()))
-        if np.any(excess > 0.0):
-            index, column = map(int, np.unravel_index(np.argmax(excess), excess.shape))
-            found["largest_speed_excess"] = float(excess[index, column])
-            found["largest_speed_excess_joint"] = self.velocity_names[column]
-            found["largest_speed_excess_index"] = index
-        return found
-
-    def _set_balls(self) -> None:
-        """The balls about all shapes, for `distances_below`."""
-        names = list(self._bodies)
-        of_body = {name: [] for name in names}
-        self._shapes: list[tuple[str, int]] = []
-        for name in names:
-            for i in range(len(self._axes[name])):
-                of_body[name].append(len(self._shapes))
-                self._shapes.append((name, i))
-        axes = [self._axes[name][i] for name, i in self._shapes]
-        self._centres_B = {
-            name: np.array([(a.start + a.end) / 2.0 for a in self._axes[name]])
-            for name in names
+        excess = self.speed_excess(v_trajectory)
+        beyond = int((excess > SPEED_TOLERANCE).any(axis=1).sum())
+        return {
+            "num_beyond_speed": beyond,
+            **_largest("speed", excess, self.velocity_names),
         }
-        balls = np.array([axis.ball for axis in axes])
-        together = [
-            (column, i, j)
-            for column, (a, b) in enumerate(self.pairs)
-            for i in of_body[a]
-            for j in of_body[b]
-        ]
-        self._together = np.array(together, dtype=int).reshape(-1, 3)
-        _, i, j = self._together.T
-        self._balls = balls[i] + balls[j] if together else np.zeros(0)
 
     def distances_below(self, q: np.ndarray, bound: float) -> dict[int, float]:
         """Distances of the pairs that may be nearer than `bound`, by pair number.
@@ -328,47 +306,73 @@ class Referee:
         A shape lies in the ball about its axis' middle, so that the balls' distance
         is never more than the shapes'.
         """
-        self.plant.SetPositions(self._context, self._checked(q))
+        q = np.asarray(q, dtype=float)
+        if q.ndim != 1:
+            raise ValueError(f"q must be ({len(self.joint_names)},), not {q.shape}")
+        q = _checked(q, "q", "position", self.joint_names)
+        self.plant.SetPositions(self._context, q)
         if not len(self._together):
             return {}
+        X_WB = [
+            self.plant.EvalBodyPoseInWorld(self._context, body) for body in self._bodies
+        ]
+        X = np.array([each.GetAsMatrix34() for each in X_WB])[self._body_of]
+        ends = self._ends_B @ X[:, :, :3].swapaxes(1, 2) + X[:, None, :, 3]
         columns, i, j = self._together.T
-        centres = []
-        for name, body in self._bodies.items():
-            X_WB = self.plant.EvalBodyPoseInWorld(self._context, body).GetAsMatrix34()
-            centres.append(self._centres_B[name] @ X_WB[:, :3].T + X_WB[:, 3])
-        apart = np.concatenate(centres)
-        apart = np.sqrt(np.square(apart[i] - apart[j]).sum(axis=1)) - self._balls
-        axes_W: dict[str, list] = {}
-        near: dict[int, float] = {}
+        centres = ends.mean(axis=1)
+        apart = np.sqrt(np.square(centres[i] - centres[j]).sum(axis=1))
         # A hair of tolerance, for the rounding of the balls.
-        for row in np.flatnonzero(apart < bound + 1e-9):
-            axes = []
-            for shape in (i[row], j[row]):
-                name, k = self._shapes[shape]
-                if name not in axes_W:
-                    axes_W[name] = self._axes_in_world(name)
-                axes.append(axes_W[name][k])
-            d = distance_of_axes(*axes, enough=bound)
-            column = int(columns[row])
-            near[column] = min(d, near.get(column, math.inf))
-        return near
+        near = apart < self._balls[i] + self._balls[j] + bound + 1e-9
+        columns, i, j = columns[near], i[near], j[near]
+        d = np.empty(len(columns))
+        plain = self._plain[i] & self._plain[j]
+        both = [
+            of_end
+            for k in (i[plain], j[plain])
+            for of_end in (ends[k, 0], ends[k, 1], self._radii[k])
+        ]
+        d[plain], _, _ = capsule_distance(*both)
+        for row in np.flatnonzero(~plain):
+            placed = [
+                self._axes[k].moved(X_WB[self._body_of[k]]) for k in (i[row], j[row])
+            ]
+            d[row] = distance_of_axes(*placed, enough=bound)
+        found: dict[int, float] = {}
+        for column, distance in zip(columns.tolist(), d.tolist(), strict=True):
+            found[column] = min(distance, found.get(column, math.inf))
+        return found
 
-    def _checked(self, q: np.ndarray) -> np.ndarray:
-        q = np.asarray(q, dtype=float)
-        if q.shape != (self.plant.num_positions(),):
-            raise ValueError(
-                f"q must be ({self.plant.num_positions()},), not {q.shape}"
-            )
-        # A comparison with NaN is false: it would pass as no violation.
-        for name, value in zip(self.joint_names, q, strict=True):
-            if not math.isfinite(value):
-                raise ValueError(f"position of joint {name!r} is {value}")
-        return q
 
-    def _axes_in_world(self, name: str) -> list[Axis]:
-        """Each shape of a body, in the present context."""
-        X_WB = self.plant.EvalBodyPoseInWorld(self._context, self._bodies[name])
-        return [axis.moved(X_WB) for axis in self._axes[name]]
+def _checked(
+    values: np.ndarray, what: str, kind: str, names: Sequence[str]
+) -> np.ndarray:
+    """(..., N) values of joints. A comparison with NaN is false: it would pass as no
+    violation.
+
+    Raises:
+        ValueError: one is not finite, or they are not as many.
+    """
+    values = np.asarray(values, dtype=float)
+    if values.shape[-1:] != (len(names),):
+        raise ValueError(f"{what} must be ({len(names)},), not {values.shape[-1:]}")
+    for place in np.argwhere(~np.isfinite(values)):
+        name, value = names[place[-1]], values[tuple(place)]
+        raise ValueError(f"{kind} of joint {name!r} is {value}")
+    return values
+
+
+def _largest(what: str, excess: np.ndarray, names: Sequence[str]) -> dict:
+    """The fields of `Violations` with the largest of (T, N) excesses, if any is."""
+    if not np.any(excess > 0.0):
+        return {f"largest_{what}_excess": 0.0} | dict.fromkeys(
+            [f"largest_{what}_excess_joint", f"largest_{what}_excess_index"]
+        )
+    index, column = map(int, np.unravel_index(np.argmax(excess), excess.shape))
+    return {
+        f"largest_{what}_excess": float(excess[index, column]),
+        f"largest_{what}_excess_joint": names[column],
+        f"largest_{what}_excess_index": index,
+    }
 
 
 def _body_axes(

@@ -52,11 +52,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crar_drake.errors import MotionError
+from crar_drake.judging.judged_pairs import postures_as_built
 from crar_drake.law.compilation import compiled
 from crar_drake.references.mesh_pairs import (
     ROUNDING,
     MeshPairs,
-    postures_as_built,
     relative_poses,
 )
 from crar_drake.references.surfaces import Surface
@@ -130,7 +130,8 @@ class ClearanceOfMeshes:
         self.robot, self.meshes = robot, MeshPairs(robot)
         # What was asked last is often asked again, with some frames changed.
         self._last: tuple[np.ndarray | None, MeshClearance | None] = None, None
-        touch = [self._find(q[None]).touch_at for q in postures_as_built(robot)]
+        built = postures_as_built(robot.plant, robot.description)
+        touch = [self._find(q[None]).touch_at for q in built]
         self.meshes.leave_out(np.concatenate(touch, axis=1).all(axis=1))
 
     def find(self, joint_positions: np.ndarray) -> MeshClearance:

@@ -6,18 +6,17 @@ welded links share a pose.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.multibody.tree import BodyIndex, JointIndex
+from pydrake.multibody.tree import BodyIndex
 
+from crar_drake.judging.judged_pairs import pairs_by_joints
 from crar_drake.law.kinematics import link_poses
 from crar_drake.references.surfaces import Surface
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.robot.description import find_joint, zero_positions
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot_import.link_meshes import LinkMesh
 from crar_drake.robot_import.meshes import triangles_of
@@ -89,23 +88,11 @@ class MeshPairs:
             CarriedMesh(link, *self.joints.place(plant.get_body(link.body)))
             for link in of_links
         ]
+        of_meshes = [link.body for link in of_links]
         carried = [self._is_carried(mesh.frame, root) for mesh in self.meshes]
-        joined = set()
-        for index in range(plant.num_joints()):
-            joint = plant.get_joint(JointIndex(index))
-            ends = (joint.parent_body(), joint.child_body())
-            joined.add(frozenset(self.joints.place(body)[0] for body in ends))
-        rows, one_joint, beyond_root = [], [], []
-        for i, j in itertools.combinations(range(len(self.meshes)), 2):
-            frames = frozenset((self.meshes[i].frame, self.meshes[j].frame))
-            if len(frames) == 1:
-                continue
-            if frames in joined:
-                one_joint.append((i, j))
-            elif carried[i] and carried[j]:
-                rows.append((i, j))
-            else:
-                beyond_root.append((i, j))
+        apart, one_joint = pairs_by_joints(plant, of_meshes)
+        rows = [(i, j) for i, j in apart if carried[i] and carried[j]]
+        beyond_root = [pair for pair in apart if pair not in rows]
         self.rows = np.array(rows, dtype=int).reshape(-1, 2)
         self.not_of = NotOf(
             one_joint=self.named(one_joint),
@@ -147,17 +134,6 @@ class MeshPairs:
         X = link_poses(np.array(q, dtype=float), tree, tree.every)
         X = X.reshape(len(q), -1, 4, 3)
         return X[:, :, :3].swapaxes(2, 3), X[:, :, 3]
-
-
-def postures_as_built(robot: WholeBody) -> list[np.ndarray]:
-    """(nq,) positions of the plant each: the rest posture, and zero."""
-    plant = robot.plant
-    limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-    zero = np.clip(zero_positions(plant), *limits)
-    rest = zero.copy()
-    for name, value in robot.description.rest_posture.items():
-        rest[find_joint(plant, name).position_start()] = value
-    return [rest, zero]
 
 
 def relative_poses(R: np.ndarray, p: np.ndarray, a, b) -> tuple:

@@ -7,16 +7,19 @@ robot meets itself; its pose counts against the ground.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from crar_drake.errors import ModelError
-from crar_drake.judging.mesh_judge import MeshJudge, MeshVerdict
+from crar_drake.judging.mesh_judge import MeshJudge, MeshVerdict, PairContact
 from crar_drake.judging.referee import Referee
-from crar_drake.references.faults import Fault, Tolerances, find_faults
+from crar_drake.references.certificate_files import faults_beside
+from crar_drake.references.faults import LIMBS_OFF, Fault, Tolerances, find_faults
 from crar_drake.references.ground_contact import FootSlip, Outline
+from crar_drake.references.motion_files import read_motions
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.smoothness import (
     Jump,
@@ -30,30 +33,12 @@ from crar_drake.robot.description import (
     LIMIT_TOLERANCE,
     SPEED_TOLERANCE,
     RobotDescription,
+    load_robot_description,
 )
 from crar_drake.robot_import.link_meshes import check_installed, has_meshes
 
 # Capsules that are farther apart are not plotted [m].
 _NEAR = 0.05
-
-
-@dataclass(frozen=True)
-class PairFrames:
-    """Two links that penetrate each other."""
-
-    pair: tuple[str, str]  # the links
-    frames: tuple[int, ...]  # in which they do, from 0
-    depths: tuple[float, ...]  # how deep in each [m]
-
-    @property
-    def depth(self) -> float:
-        """The deepest [m]."""
-        return max(self.depths)
-
-    @property
-    def frame(self) -> int:
-        """Of the deepest."""
-        return self.frames[int(np.argmax(self.depths))]
 
 
 @dataclass(frozen=True)
@@ -73,13 +58,10 @@ class ReferenceVerdict:
     motion: RobotMotion  # that was judged, without what the file had besides
     # pairs of capsules that penetrate, the deepest first; None where they are not
     # judged
-    capsules: tuple[PairFrames, ...] | None
+    capsules: list[PairContact] | None
     why_no_capsules: str  # why they are not, or ""
     capsule_distances: np.ndarray  # (T,) the smallest; NaN beyond 5 cm [m]
-    mesh_frames: np.ndarray  # (K,) the frames in which the meshes were judged
-    meshes: MeshVerdict | None  # what they said; None where they were not asked
-    # pairs of meshes that penetrate, the deepest first
-    mesh_pairs: tuple[PairFrames, ...]
+    meshes: MeshVerdict | None  # what the meshes say; None where they were not asked
     limits: tuple[Beyond, ...]  # joints beyond their limits, the farthest first
     speeds: tuple[Beyond, ...]  # and beyond their speed limits
     # (T,) the largest of all joints, negative within [rad or m]
@@ -98,6 +80,11 @@ class ReferenceVerdict:
     faults: tuple[Fault, ...]  # what else is wrong with it
     # kinds of faults that its certificate says it was left with
     left: tuple[str, ...] = ()
+
+    @property
+    def mesh_pairs(self) -> list[PairContact]:
+        """Pairs of meshes that penetrate, the deepest first."""
+        return [] if self.meshes is None else self.meshes.penetrations
 
     @property
     def violations(self) -> tuple[str, ...]:
@@ -135,7 +122,7 @@ class ReferenceVerdict:
 
     def mesh_depths(self) -> np.ndarray:
         """(K,) how deep meshes penetrate in each frame judged, 0 if not [m]."""
-        depths = dict.fromkeys(self.mesh_frames.tolist(), 0.0)
+        depths = dict.fromkeys(self.meshes.frames.tolist(), 0.0)
         for pair in self.mesh_pairs:
             for frame, depth in zip(pair.frames, pair.depths, strict=True):
                 depths[frame] = max(depths[frame], depth)
@@ -195,19 +182,10 @@ class ReferenceJudge:
         """
         q = self.robot.configurations(motion.joint_positions)
         capsules, distances = self._judge_capsules(q)
-        step = 1 if every is None else max(1, round(every * motion.rate))
-        mesh_frames = np.arange(0, motion.num_frames, step)
-        meshes, mesh_pairs = None, ()
+        meshes = None
         if self._mesh_judge is not None:
-            meshes = self._mesh_judge.judge(q[mesh_frames])
-            mesh_pairs = tuple(
-                PairFrames(
-                    contact.pair,
-                    tuple(int(mesh_frames[i]) for i in contact.samples),
-                    contact.depths,
-                )
-                for contact in meshes.penetrations
-            )
+            step = 1 if every is None else max(1, round(every * motion.rate))
+            meshes = self._mesh_judge.judge(q, step)
         names = self.robot.joint_names
         excess = np.maximum(
             self.robot.lower - motion.joint_positions,
@@ -223,9 +201,7 @@ class ReferenceJudge:
             capsules=capsules,
             why_no_capsules=self._why_no_capsules,
             capsule_distances=distances,
-            mesh_frames=mesh_frames,
             meshes=meshes,
-            mesh_pairs=mesh_pairs,
             limits=_beyond(names, excess, LIMIT_TOLERANCE),
             speeds=_beyond(names, speeds - self.robot.speed_limits, SPEED_TOLERANCE),
             limit_excess=excess.max(axis=1),
@@ -245,24 +221,22 @@ class ReferenceJudge:
 
     def _judge_capsules(
         self, q_trajectory: np.ndarray
-    ) -> tuple[tuple[PairFrames, ...] | None, np.ndarray]:
+    ) -> tuple[list[PairContact] | None, np.ndarray]:
         distances = np.full(len(q_trajectory), np.nan)
         if self._referee is None:
             return None, distances
-        found: dict[int, dict[int, float]] = {}
+        found: dict[int, PairContact] = {}
         for frame, q in enumerate(q_trajectory):
             near = self._referee.distances_below(q, _NEAR)
             smallest = min(near.values(), default=np.inf)
             if smallest < _NEAR:
                 distances[frame] = smallest
-            for pair, distance in near.items():
+            for k, distance in near.items():
                 if distance < 0.0:
-                    found.setdefault(pair, {})[frame] = -distance
-        pairs = [
-            PairFrames(self._referee.pairs[pair], tuple(depths), tuple(depths.values()))
-            for pair, depths in found.items()
-        ]
-        return tuple(sorted(pairs, key=lambda pair: -pair.depth)), distances
+                    pair = found.setdefault(k, PairContact(self._referee.pairs[k]))
+                    pair.frames.append(frame)
+                    pair.depths.append(-distance)
+        return sorted(found.values(), key=lambda pair: -pair.depth), distances
 
 
 def _beyond(
@@ -283,6 +257,48 @@ def _beyond(
     return tuple(sorted(found, key=lambda beyond: -beyond.excess))
 
 
-def frames_of(found: tuple[PairFrames | Beyond, ...]) -> tuple[int, ...]:
+def frames_of(found: Iterable[PairContact | Beyond]) -> tuple[int, ...]:
     """Frames in which any of them do."""
     return tuple(sorted({frame for each in found for frame in each.frames}))
+
+
+@dataclass(frozen=True)
+class JudgeOptions:
+    """How motions are read and judged."""
+
+    robot: str  # name or folder
+    layout: str | None = None  # of the files; None: each as it looks like
+    rate: float | None = None  # frames per second of files; None: as they say [Hz]
+    meshes: bool = True  # whether meshes are asked
+    # time between the frames in which they are; None: all frames [s]
+    every: float | None = None
+    tolerances: Tolerances = Tolerances()  # what is no violation
+
+
+class FileJudge:
+    """Judges files of motions of one robot, one after the other."""
+
+    def __init__(self, options: JudgeOptions) -> None:
+        """
+        Raises:
+            CrarError: the robot cannot be used.
+        """
+        description = load_robot_description(options.robot).without_ground()
+        self._options = options
+        self._judge = ReferenceJudge(description, options.meshes)
+
+    def __call__(self, file: Path) -> list[ReferenceVerdict]:
+        """The verdict on each motion in a file, with what its certificate says.
+
+        Raises:
+            CrarError: the file cannot be used.
+        """
+        options, judge = self._options, self._judge
+        motions = read_motions(file, options.layout, options.rate, robot=judge.robot)
+        beside, verdicts = faults_beside(file), []
+        for motion in motions:
+            faults, left = beside.get(motion.clip, ((), ()))
+            told = [Fault(*fault) for fault in faults if fault[0] == LIMBS_OFF]
+            of = options.every, options.tolerances, left, told
+            verdicts.append(judge.judge(motion, *of))
+        return verdicts

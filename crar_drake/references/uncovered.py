@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pydrake.multibody.tree import BodyIndex
 
 from crar_drake.errors import ModelError
-from crar_drake.judging.judged_pairs import pairs_beyond_one_joint
+from crar_drake.judging.judged_pairs import pairs_by_joints
 from crar_drake.references.mesh_clearance import ClearanceOfMeshes, MeshClearance
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
@@ -34,7 +34,8 @@ def shaped_pairs(robot: WholeBody) -> list[tuple[str, str]]:
         if plant.GetCollisionGeometriesForBody(plant.get_body(body))
     ]
     names = [plant.get_body(body).name() for body in bodies]
-    return [(names[i], names[j]) for i, j in pairs_beyond_one_joint(plant, bodies)]
+    beyond, _ = pairs_by_joints(plant, bodies)
+    return [(names[i], names[j]) for i, j in beyond]
 
 
 class Uncovered:

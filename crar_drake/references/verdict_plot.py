@@ -32,7 +32,7 @@ def plot_verdict(verdict: ReferenceVerdict, path: str | os.PathLike[str]) -> Non
     if verdict.meshes is not None:
         depths = -1e3 * verdict.mesh_depths()
         pairs.plot(
-            times[verdict.mesh_frames],
+            times[verdict.meshes.frames],
             np.where(depths < 0.0, depths, np.nan),
             "r.",
             markersize=3.0,

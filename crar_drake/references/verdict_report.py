@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
 import numpy as np
 
 from crar_drake.errors import plural
+from crar_drake.judging.mesh_judge import PairContact
 from crar_drake.references.faults import spans
 from crar_drake.references.reference_judge import (
     Beyond,
-    PairFrames,
     ReferenceVerdict,
     frames_of,
 )
@@ -40,7 +40,7 @@ def verdict_row(verdict: ReferenceVerdict) -> tuple[str, ...]:
     motion = verdict.motion
     judged, deepest = "-", "-"
     if verdict.meshes is not None:
-        judged = _percent(len(verdict.penetrating_frames), len(verdict.mesh_frames))
+        judged = _percent(len(verdict.penetrating_frames), len(verdict.meshes.frames))
         deepest = _millimetres(max((p.depth for p in verdict.mesh_pairs), default=0.0))
     capsules = "-"
     if verdict.capsules is not None:
@@ -178,7 +178,7 @@ def verdict_data(verdict: ReferenceVerdict) -> dict:
     }
     if meshes is not None:
         data["meshes"] = {
-            "judged_frames": len(verdict.mesh_frames),
+            "judged_frames": len(verdict.meshes.frames),
             "judged_pairs": meshes.num_pairs,
             "penetrating_frames": list(verdict.penetrating_frames),
             "smallest_distance": _finite(meshes.nearest.distance),
@@ -198,7 +198,7 @@ def _mesh_lines(verdict: ReferenceVerdict) -> Iterator[str]:
     if meshes is None:
         yield "  meshes: not judged"
         return
-    penetrating = _of(len(verdict.penetrating_frames), len(verdict.mesh_frames))
+    penetrating = _of(len(verdict.penetrating_frames), len(verdict.meshes.frames))
     text = (
         f"  meshes: {penetrating} in penetration, {meshes.num_pairs} pairs more than "
         "one joint apart"
@@ -214,7 +214,7 @@ def _mesh_lines(verdict: ReferenceVerdict) -> Iterator[str]:
         yield f"  left out, since their meshes meet at zero and at rest: {pairs}"
 
 
-def _pair_lines(pairs: tuple[PairFrames, ...], rate: float) -> Iterator[str]:
+def _pair_lines(pairs: Sequence[PairContact], rate: float) -> Iterator[str]:
     for pair in pairs[:_MOST]:
         yield (
             f"    {pair.pair[0]} - {pair.pair[1]}: {plural(len(pair.frames), 'frame')} "
@@ -273,5 +273,5 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _pair_data(pair: PairFrames) -> dict:
+def _pair_data(pair: PairContact) -> dict:
     return {**asdict(pair), "deepest": pair.depth, "deepest_frame": pair.frame}

@@ -18,11 +18,11 @@ from pydrake.math import RigidTransform, RotationMatrix
 from crar_drake.errors import CrarError
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.planted_feet import runs
+from crar_drake.judging.mesh_judge import PairContact
 from crar_drake.references.adjusting import Frames, trimmed
 from crar_drake.references.change import rms
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.reference_judge import (
-    PairFrames,
     ReferenceJudge,
     ReferenceVerdict,
 )
@@ -173,7 +173,7 @@ def _figures(
     return figures
 
 
-def _deciding(verdict: ReferenceVerdict) -> Sequence[PairFrames]:
+def _deciding(verdict: ReferenceVerdict) -> Sequence[PairContact]:
     """The pairs that penetrate, the deepest first, by what is judged most exactly."""
     return verdict.mesh_pairs if verdict.meshes is not None else verdict.capsules or ()
 
@@ -252,7 +252,7 @@ def _record_person(person: DrawnPerson, rate: float, label: str) -> RecordedRun:
 
 
 def _penetrating_links(
-    pairs: Sequence[PairFrames], robot: DrawnRobot, num_frames: int
+    pairs: Sequence[PairContact], robot: DrawnRobot, num_frames: int
 ) -> dict[int, list[tuple[int, int]]]:
     """As `RecordedRun.penetrating`; links that are not drawn are left out."""
     found: dict[int, set[int]] = {}

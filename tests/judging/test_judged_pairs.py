@@ -4,7 +4,7 @@ import pytest
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
-from crar_drake.judging.judged_pairs import pairs_beyond_one_joint
+from crar_drake.judging.judged_pairs import pairs_by_joints
 
 LINKS = ("a", "b", "c", "d")
 
@@ -28,7 +28,7 @@ def plant(*joints: tuple[str, str, str]) -> MultibodyPlant:
 
 def pairs(made: MultibodyPlant) -> set[str]:
     bodies = [made.GetBodyByName(name).index() for name in LINKS]
-    return {LINKS[i] + LINKS[j] for i, j in pairs_beyond_one_joint(made, bodies)}
+    return {LINKS[i] + LINKS[j] for i, j in pairs_by_joints(made, bodies)[0]}
 
 
 @pytest.mark.parametrize(

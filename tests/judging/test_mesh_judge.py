@@ -133,25 +133,23 @@ def log_of(folder: Path, q: np.ndarray):
     )
 
 
-def test_hulls_and_meshes_at_rest(folder):
+def test_meshes_at_rest(folder):
     judge = MeshJudge(load_robot_description(folder))
     assert judge.pairs == [("stand", "hook")] and judge.left_out == []
     assert judge.open_links == [], "two closed pieces that share edges are closed"
-    hulls, meshes = judge.distances(np.zeros(2))
-    assert hulls == pytest.approx([-0.03 / np.sqrt(2)], abs=1e-4)
-    assert meshes == pytest.approx([0.02], abs=1e-6)
+    assert judge.distances(np.zeros(2)) == pytest.approx([0.02], abs=1e-6)
 
 
 def test_a_trajectory(folder):
     """0.01 nearer, then 0.02 beyond contact, then far away."""
     q = np.array([[0, 0], [-0.01, 0], [-0.04, 0], [0.5, 0], [0.9, 0]], float)
     verdict = MeshJudge(load_robot_description(folder)).judge(q)
-    assert verdict.num_samples == 5 and verdict.num_pairs == 1
+    assert len(verdict.frames) == 5 and verdict.num_pairs == 1
     assert verdict.num_penetrating == 1
     assert verdict.nearest.pair == ("stand", "hook") and verdict.nearest.index == 2
     assert verdict.nearest.distance == pytest.approx(-0.02, abs=2e-5)
     (penetration,) = verdict.penetrations
-    assert penetration.num_samples == 1 and penetration.index == 2
+    assert penetration.frames == [2] and penetration.frame == 2
 
 
 def test_the_same_as_asking_for_every_pair(folder):
@@ -160,7 +158,7 @@ def test_the_same_as_asking_for_every_pair(folder):
     t = np.linspace(0.0, 20.0, 200)
     q = np.column_stack([0.12 * np.sin(t), 0.1 * np.sin(2.3 * t)])
     verdict = judge.judge(q)
-    _, meshes = np.array([judge.distances(each) for each in q])[:, :, 0].T
+    meshes = np.array([judge.distances(each) for each in q])[:, 0]
     assert 0 < verdict.num_penetrating == (meshes < 0.0).sum()
     assert verdict.nearest.distance == meshes.min()
     assert verdict.nearest.index == meshes.argmin()
@@ -179,19 +177,15 @@ def test_the_same_as_asking_for_all_of_many_pairs(tmp_path, monkeypatch):
     judge = MeshJudge(load_robot_description(tmp_path))
     t = np.linspace(0.0, 3.0, 120)
     q = 0.15 * np.sin(np.outer(t, [1.0, 1.3, 0.9, 1.1, 0.8]))
-    hulls, meshes = np.swapaxes([judge.distances(each) for each in q], 0, 1)
-    asked, ask = [], type(judge._hulls).distance
-    monkeypatch.setattr(
-        type(judge._hulls),
-        "distance",
-        lambda self, i, j: asked.append((i, j)) or ask(self, i, j),
-    )
+    meshes = np.array([judge.distances(each) for each in q])
+    asked, ask = [], judge._hulls_apart
+    monkeypatch.setattr(judge, "_hulls_apart", lambda *at: asked.append(at) or ask(*at))
     verdict = judge.judge(q)
-    assert len(judge.pairs) == 10 and len(asked) < 0.5 * hulls.size
+    assert len(judge.pairs) == 10 and len(asked) < 0.5 * meshes.size
     assert 0 < verdict.num_penetrating == (meshes < 0.0).any(axis=1).sum() < 120
     assert verdict.nearest.distance == meshes.min()
     deepest = {judge.pairs[i]: d for i, d in enumerate(meshes.min(axis=0)) if d < 0.0}
-    assert {c.pair: c.mesh_distance for c in verdict.penetrations} == deepest
+    assert {c.pair: -c.depth for c in verdict.penetrations} == deepest
 
 
 def test_pairs_that_meet_as_they_are_built_are_left_out(folder):

@@ -13,7 +13,7 @@ from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
 from crar_drake.errors import ModelError
-from crar_drake.judging.referee_hulls import (
+from crar_drake.judging.referee_distances import (
     axis_polytope,
     polytope,
     polytope_distance,

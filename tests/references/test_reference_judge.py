@@ -55,7 +55,7 @@ def test_capsules_that_penetrate(judge: ReferenceJudge):
     (pair,) = verdict.capsules
     assert pair.pair == ("left_shin", "right_shin")
     bad = np.flatnonzero(distance < 0.0)
-    assert 3 < len(bad) < 20 and pair.frames == tuple(bad)
+    assert 3 < len(bad) < 20 and pair.frames == list(bad)
     np.testing.assert_allclose(pair.depths, -distance[bad], atol=1e-9)
     assert pair.frame == distance.argmin()
     near = distance < 0.05
@@ -215,12 +215,12 @@ def test_meshes_that_penetrate(tmp_path: Path):
     given = RobotMotion(("slide", "lift"), np.ones((n, 3)), upright, q, 30.0)
     verdict = judge.judge(given)
     (pair,) = verdict.mesh_pairs
-    assert pair.pair == ("stand", "block") and pair.frames == (3, 4, 5)
+    assert pair.pair == ("stand", "block") and pair.frames == [3, 4, 5]
     np.testing.assert_allclose(pair.depths, [0.02, 0.05, 0.02], atol=2e-5)
     np.testing.assert_allclose(verdict.mesh_depths()[[2, 4]], [0.0, 0.05], atol=2e-5)
     assert verdict.capsules is None and verdict.violations == ("meshes penetrate",)
     sparse = judge.judge(given, every=4 / 30.0)
-    assert sparse.mesh_frames.tolist() == [0, 4, 8]
+    assert sparse.meshes.frames.tolist() == [0, 4, 8]
     assert sparse.penetrating_frames == (4,)
 
 

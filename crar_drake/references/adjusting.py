@@ -66,8 +66,7 @@ def set_on_ground(motion: RobotMotion, outline: Outline) -> tuple[RobotMotion, f
 
 def check_feet(outline: Outline, robot: str) -> None:
     """Raises ModelError unless a robot has feet whose floor can be found."""
-    links = outline.links
-    if not any(link in links for of in outline.feet.values() for link in of):
+    if not outline.feet:
         raise ModelError(
             f"robot {robot}: no foot has a shape, so that nothing says where its floor "
             f"is; add task_frames {' and '.join(FEET)} to its robot.yaml, or leave "

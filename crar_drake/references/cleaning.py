@@ -43,6 +43,9 @@ from crar_drake.trajectory.optimiser import (
     Problem,
 )
 
+# Frames whose Jacobians are in memory at a time.
+_BLOCK = 512
+
 
 @dataclass(frozen=True)
 class CleaningParameters:
@@ -296,7 +299,9 @@ class KeptPoses:
         """
         self._model, self._rest = model, rest
         self._root, self._linear, self._angular = root_rotations, linear, angular
-        self._R, self._p, _ = self._find(reference)
+        blocks = range(0, len(reference), _BLOCK)
+        found = [self._find(reference[k : k + _BLOCK])[:2] for k in blocks]
+        self._R, self._p = map(np.concatenate, zip(*found, strict=True))
         rows = model.layout
         self._linear_rows, self._angular_rows = rows.linear_rows, rows.angular_rows
 

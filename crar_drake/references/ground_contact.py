@@ -11,7 +11,7 @@ over its toes, or turns on its ball, has one that stays.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +38,9 @@ _FLOOR_SHARE = 0.1
 # A contact that is shorter is none [s].
 _SHORTEST = 0.1
 
+# Frames whose points are in memory at a time.
+_BLOCK = 512
+
 # A hand carries a little so long before and after it is planted [s].
 _BEFORE_CARRYING = 0.1
 
@@ -50,7 +53,6 @@ class FootSlip:
     planted: np.ndarray  # (T,) whether it is
     num_contacts: int  # stretches in which it is planted
     total: float  # way that it slips while planted, in all of them [m]
-    ways: np.ndarray  # (num_contacts,) of each contact [m]
     worst: float  # the longest of one contact [m]
     worst_start: int | None  # first frame of that contact; None without any
     worst_end: int | None  # and its last
@@ -77,48 +79,41 @@ class Outline:
             robot: whose links have meshes, or else capsules and spheres.
             points: task frames of what may stand on the ground.
         """
-        self._robot = robot
-        self._outlines = robot.outlines
-        self.feet = {
+        self._robot, self.links = robot, tuple(robot.outlines)
+        of_points = {
             point: links_outward(robot.plant, find_frame(robot.plant, frame))
             for point, frame in robot.description.task_frames.items()
             if point in points
         }
-
-    @property
-    def links(self) -> tuple[str, ...]:
-        """Names of the links that have a shape."""
-        return tuple(self._outlines)
+        # Of each foot, those of its links that have a shape.
+        self.feet = {
+            foot: [link for link in of if link in self.links]
+            for foot, of in of_points.items()
+            if any(link in self.links for link in of)
+        }
 
     def ground_contact(
-        self,
-        motion: RobotMotion,
-        floor: float | None = None,
-        thresholds: ContactThresholds = THRESHOLDS,
+        self, motion: RobotMotion, floor: float | None = None
     ) -> GroundContact:
         """A motion against the ground.
 
         Args:
             motion: with its joints in the order of the robot.
             floor: height at which feet stand [m]; by default where they are lowest.
-            thresholds: of a planted foot.
         """
-        links = self.links
-        if not links:
+        if not self.links:
             zeros = np.zeros(motion.num_frames)
             return GroundContact(zeros, ("",) * motion.num_frames, 0.0, ())
-        p_WB, R_WB = self._poses(motion, links)
-        low = self._robot.lowest(links, p_WB, R_WB)
-        soles = self._soles(links, p_WB, R_WB)
+        low = self._lowest(motion, self.links)
         if floor is None:
-            floor = _lowest_floor(self._of_feet(links, low))
+            floor = _lowest_floor(self._of_feet(self.links, low))
         return GroundContact(
             lowest=low.min(axis=1),
-            lowest_links=tuple(links[i] for i in low.argmin(axis=1)),
+            lowest_links=tuple(self.links[i] for i in low.argmin(axis=1)),
             floor=floor,
             feet=tuple(
-                foot_slip(foot, p_WS, floor, motion.rate, thresholds)
-                for foot, p_WS in soles.items()
+                foot_slip(foot, self.sole(motion, foot), floor, motion.rate)
+                for foot in self.feet
             ),
         )
 
@@ -132,17 +127,27 @@ class Outline:
             motion: with its joints in the order of the robot.
             planted: foot to (T,) whether it is on the floor.
         """
-        soles = self.soles(motion).items()
-        return max((longest_slip(p, planted[foot]) for foot, p in soles), default=0.0)
+        slips = (longest_slip(self.sole(motion, f), planted[f]) for f in self.feet)
+        return max(slips, default=0.0)
 
-    def soles(self, motion: RobotMotion) -> dict[str, np.ndarray]:
-        """Foot to (T, V, 3) the lowest points of its balls, in the world [m].
+    def sole(self, motion: RobotMotion, foot: str) -> Iterator[np.ndarray]:
+        """Yields (B, V, 3) the lowest points of a foot's balls, in the world [m]; of
+        each block of frames with the first one of the next.
 
         Args:
             motion: with its joints in the order of the robot.
         """
-        links = self._links_of_feet()
-        return self._soles(links, *self._poses(motion, links))
+        links = self.feet[foot]
+        outlines = [self._robot.outlines[link] for link in links]
+        for p_WB, R_WB in self._blocks(motion, links, 1):
+            points = []
+            for i, outline in enumerate(outlines):
+                # Transposed in place, NumPy would multiply it many times slower.
+                R_BW = np.ascontiguousarray(R_WB[:, i].swapaxes(1, 2))
+                p = p_WB[:, i, None] + outline.points @ R_BW
+                p[..., 2] -= outline.radii
+                points.append(p)
+            yield np.concatenate(points, axis=1)
 
     def heights(self, motion: RobotMotion) -> dict[str, np.ndarray]:
         """Foot to (T,) the height of its lowest point [m].
@@ -150,51 +155,32 @@ class Outline:
         Args:
             motion: with its joints in the order of the robot.
         """
-        links = self._links_of_feet()
-        low = self._robot.lowest(links, *self._poses(motion, links))
-        return self._of_feet(links, low)
-
-    def _links_of_feet(self) -> list[str]:
-        return [b for b in self.links if any(b in of for of in self.feet.values())]
-
-    def _poses(
-        self, motion: RobotMotion, links: Sequence[str]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Where links are in the world: p_WB (T, L, 3) [m], R_WB (T, L, 3, 3)."""
-        root = motion.root_positions, motion.root_rotations
-        return self._robot.poses_in_world(*root, motion.joint_positions, links)
+        links = list(dict.fromkeys(link for of in self.feet.values() for link in of))
+        return self._of_feet(links, self._lowest(motion, links)) if links else {}
 
     def _of_feet(self, links: Sequence[str], low: np.ndarray) -> dict[str, np.ndarray]:
         """`heights`, where those of links are (T, L)."""
-        of_feet = {
-            foot: low[:, [i for i, link in enumerate(links) if link in of]]
+        return {
+            foot: low[:, [links.index(link) for link in of]].min(axis=1)
             for foot, of in self.feet.items()
         }
-        return {foot: z.min(axis=1) for foot, z in of_feet.items() if z.shape[1]}
 
-    def _soles(
-        self, links: Sequence[str], p_WB: np.ndarray, R_WB: np.ndarray
-    ) -> dict[str, np.ndarray]:
-        """`soles` of links whose poses are (T, L)."""
-        soles = {
-            foot: self._sole({b: links.index(b) for b in of if b in links}, p_WB, R_WB)
-            for foot, of in self.feet.items()
-        }
-        return {foot: sole for foot, sole in soles.items() if sole.shape[1]}
+    def _lowest(self, motion: RobotMotion, links: Sequence[str]) -> np.ndarray:
+        """(T, L) heights of the lowest points of links [m]."""
+        blocks = self._blocks(motion, links)
+        return np.concatenate([self._robot.lowest(links, *X) for X in blocks])
 
-    def _sole(
-        self, rows: Mapping[str, int], p_WB: np.ndarray, R_WB: np.ndarray
-    ) -> np.ndarray:
-        """(T, V, 3) lowest points of the balls of some links, in the world."""
-        points = [np.empty((len(p_WB), 0, 3))]
-        for link, i in rows.items():
-            outline = self._outlines[link]
-            # Transposed in place, NumPy would multiply it many times slower.
-            R_BW = np.ascontiguousarray(R_WB[:, i].swapaxes(1, 2))
-            p = p_WB[:, i, None] + outline.points @ R_BW
-            p[..., 2] -= outline.radii
-            points.append(p)
-        return np.concatenate(points, axis=1)
+    def _blocks(
+        self, motion: RobotMotion, links: Sequence[str], more: int = 0
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yields where links are in the world, p_WB (B, L, 3) [m] and R_WB (B, L, 3,
+        3), of some frames at a time, with so many of the next ones."""
+        R_WR = motion.root_rotations
+        for start in range(0, max(motion.num_frames - more, 1), _BLOCK):
+            some = slice(start, start + _BLOCK + more)
+            root = motion.root_positions[some], R_WR[some]
+            q = motion.joint_positions[some]
+            yield self._robot.poses_in_world(*root, q, links)
 
 
 class CarryingHands:
@@ -217,16 +203,13 @@ class CarryingHands:
         shares = np.zeros((motion.num_frames, len(hands)))
         if not self._hands.feet:
             return shares
-        of_hands = self._hands.heights(motion)
         floor = _lowest_floor(self._feet.heights(motion))
-        # What is never low is never planted, and not looked at.
-        low = [z.min() <= floor + THRESHOLDS.height_off for z in of_hands.values()]
-        if not any(low):
-            return shares
         before = round(_BEFORE_CARRYING * motion.rate)
         weights = np.full(2 * before + 1, 1.0 / (2 * before + 1))
-        for hand, p_WS in self._hands.soles(motion).items():
-            if hand in hands:
+        for hand, height in self._hands.heights(motion).items():
+            # What is never low is never planted, and not looked at.
+            if hand in hands and height.min() <= floor + THRESHOLDS.height_off:
+                p_WS = self._hands.sole(motion, hand)
                 planted = foot_slip(hand, p_WS, floor, motion.rate).planted
                 share = np.convolve(spread(planted, before), weights)
                 shares[:, hands.index(hand)] = share[before:][: len(shares)]
@@ -301,12 +284,12 @@ def least_way(moves: np.ndarray, there: np.ndarray) -> np.ndarray:
 
 
 def step_slips(p_WS: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """(T - 1,) how far a foot slips from each frame to the next [m]; inf where that is
+    """(B - 1,) how far a foot slips from each frame to the next [m]; inf where that is
     not asked.
 
     Args:
-        p_WS: (T, V, 3) points of its surface in the world [m].
-        asked: (T - 1,) in which steps.
+        p_WS: (B, V, 3) points of its surface in the world [m].
+        asked: (B - 1,) in which steps.
     """
     z = p_WS[..., 2]
     # Points that are low in both frames of a step are what it could stand on.
@@ -324,41 +307,40 @@ def step_slips(p_WS: np.ndarray, asked: np.ndarray) -> np.ndarray:
     return slips
 
 
-def longest_slip(p_WS: np.ndarray, planted: np.ndarray) -> float:
+def longest_slip(p_WS: Iterable[np.ndarray], planted: np.ndarray) -> float:
     """The longest way that a foot slips in one contact [m].
 
     Args:
-        p_WS: (T, V, 3) points of its surface in the world [m].
+        p_WS: blocks of points of its surface, as of `Outline.sole`.
         planted: (T,) whether it is on the floor.
     """
-    stands = planted[1:] & planted[:-1]
-    slips = step_slips(p_WS, stands)
-    return max((float(slips[a:b].sum()) for a, b in runs(stands)), default=0.0)
+    stands, slips = planted[1:] & planted[:-1], []
+    for block in p_WS:
+        asked = stands[len(slips) :][: len(block) - 1]
+        slips += step_slips(block, asked).tolist()
+    return max((float(np.sum(slips[a:b])) for a, b in runs(stands)), default=0.0)
 
 
 def foot_slip(
-    foot: str,
-    p_WS: np.ndarray,
-    floor: float,
-    rate: float,
-    thresholds: ContactThresholds = THRESHOLDS,
+    foot: str, p_WS: Iterable[np.ndarray], floor: float, rate: float
 ) -> FootSlip:
     """When a foot is planted, and how far it slips then.
 
     Args:
         foot: its name.
-        p_WS: (T, V, 3) points of its surface in the world [m].
+        p_WS: blocks of points of its surface, as of `Outline.sole`.
         floor: height of the floor [m].
         rate: frames per second [Hz].
-        thresholds: of a planted foot.
     """
-    z = p_WS[..., 2]
-    height = z.min(axis=1) - floor  # (T,)
-    # What is higher is not planted, however it moves.
-    step_height = np.maximum(height[1:], height[:-1])
-    slips = step_slips(p_WS, step_height <= thresholds.height_off)
-    stands = standing(step_height, slips * rate, thresholds)
-    planted = np.zeros(len(z), dtype=bool)
+    heights, slips = [], []  # of steps
+    for block in p_WS:
+        height = block[..., 2].min(axis=1) - floor
+        heights.append(np.maximum(height[1:], height[:-1]))
+        # What is higher is not planted, however it moves.
+        slips.append(step_slips(block, heights[-1] <= THRESHOLDS.height_off))
+    step_height, slips = np.concatenate(heights), np.concatenate(slips)
+    stands = standing(step_height, slips * rate, THRESHOLDS)
+    planted = np.zeros(len(slips) + 1, dtype=bool)
     every, worst, place, top = [], 0.0, None, 0.0
     for start, end in runs(stands):  # steps start, ..., end - 1
         if (end - start) / rate < _SHORTEST:
@@ -370,14 +352,5 @@ def foot_slip(
         if place is None or way > worst:
             worst, place = way, (start, end)
     first, last = place or (None, None)
-    return FootSlip(
-        foot,
-        planted,
-        len(every),
-        float(sum(every)),
-        np.array(every),
-        worst,
-        first,
-        last,
-        top,
-    )
+    contacts = len(every), float(sum(every))
+    return FootSlip(foot, planted, *contacts, worst, first, last, top)

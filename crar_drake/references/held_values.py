@@ -10,6 +10,7 @@ import pickle
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -65,7 +66,8 @@ def write_held(path: Path, suffix: str, held: Mapping[str, object]) -> None:
             with temporary.open("wb") as file:
                 _save_npy(file, held)
         else:
-            temporary.write_text(_csv_text(held), encoding="utf-8")
+            with temporary.open("w", encoding="utf-8", newline="") as file:
+                _write_csv(file, held)
 
 
 # --- CSV --------------------------------------------------------------------------
@@ -120,13 +122,11 @@ def _csv(path: Path) -> dict[str, np.ndarray]:
     return dict(zip(heading, table.T, strict=True))
 
 
-def _csv_text(held: Mapping[str, object]) -> str:
-    if "" in held:
-        heading, rows = "", held[""].tolist()
-    else:
-        heading = ",".join(held) + "\n"
-        rows = list(zip(*(values.tolist() for values in held.values()), strict=True))
-    return heading + "".join(",".join(map(repr, row)) + "\n" for row in rows)
+def _write_csv(file: TextIO, held: Mapping[str, object]) -> None:
+    if "" not in held:
+        file.write(",".join(held) + "\n")
+    rows = held[""] if "" in held else zip(*held.values(), strict=True)
+    file.writelines(",".join(repr(x.item()) for x in row) + "\n" for row in rows)
 
 
 def _is_number(cell: str) -> bool:

@@ -30,7 +30,7 @@ def sliding(speeds: np.ndarray, heights: np.ndarray | float = 0.0) -> np.ndarray
 
 
 def test_slip_adds_up():
-    slip = foot_slip("f", sliding(np.full(20, 0.1)), 0.0, RATE)
+    slip = foot_slip("f", [sliding(np.full(20, 0.1))], 0.0, RATE)
     assert slip.planted.all() and slip.num_contacts == 1
     assert slip.total == slip.worst == pytest.approx(20 * 0.1 / RATE)
     assert slip.top_speed == pytest.approx(0.1)
@@ -38,20 +38,20 @@ def test_slip_adds_up():
 
 
 def test_fast_feet_are_planted_only_if_they_were_slow():
-    fast = foot_slip("f", sliding(np.full(20, 0.3)), 0.0, RATE)
+    fast = foot_slip("f", [sliding(np.full(20, 0.3))], 0.0, RATE)
     assert fast.num_contacts == 0 and not fast.planted.any()
     speeds = np.concatenate([np.full(8, 0.1), np.full(8, 0.3), np.full(8, 0.6)])
-    slow_first = foot_slip("f", sliding(speeds), 0.0, RATE)
+    slow_first = foot_slip("f", [sliding(speeds)], 0.0, RATE)
     assert slow_first.planted.sum() == 17  # the ends of 16 steps
     assert slow_first.total == pytest.approx((8 * 0.1 + 8 * 0.3) / RATE)
 
 
 def test_high_feet_are_planted_only_if_they_were_low():
     still = np.zeros(20)
-    assert foot_slip("f", sliding(still, 0.02), 0.0, RATE).num_contacts == 0
-    assert foot_slip("f", sliding(still, 0.02), 0.01, RATE).num_contacts == 1
+    assert foot_slip("f", [sliding(still, 0.02)], 0.0, RATE).num_contacts == 0
+    assert foot_slip("f", [sliding(still, 0.02)], 0.01, RATE).num_contacts == 1
     lifted = np.concatenate([np.zeros(10), np.full(5, 0.02), np.full(6, 0.04)])
-    assert foot_slip("f", sliding(still, lifted), 0.0, RATE).planted.sum() == 15
+    assert foot_slip("f", [sliding(still, lifted)], 0.0, RATE).planted.sum() == 15
 
 
 def test_contacts_that_are_known_count_alone():
@@ -60,9 +60,9 @@ def test_contacts_that_are_known_count_alone():
     speeds = np.array([0.1, 0.1, 0.1, 5.0, 5.0, 0.4, 0.4, 5.0])
     planted = np.array([1, 1, 1, 1, 0, 1, 1, 1, 0], dtype=bool)
     p = sliding(speeds)
-    assert longest_slip(p, planted) == pytest.approx(0.8 / RATE)
-    assert longest_slip(p, planted & (np.arange(9) < 5)) == pytest.approx(0.3 / RATE)
-    assert longest_slip(p, np.zeros(9, dtype=bool)) == 0.0
+    assert longest_slip([p], planted) == pytest.approx(0.8 / RATE)
+    assert longest_slip([p], planted & (np.arange(9) < 5)) == pytest.approx(0.3 / RATE)
+    assert longest_slip([p], np.zeros(9, dtype=bool)) == 0.0
 
 
 def test_a_foot_that_rolls_over_its_toes_does_not_slip():
@@ -73,7 +73,7 @@ def test_a_foot_that_rolls_over_its_toes_does_not_slip():
             for a in np.linspace(0.0, 0.6, 20)
         ]
     )
-    slip = foot_slip("f", p, 0.0, RATE)
+    slip = foot_slip("f", [p], 0.0, RATE)
     assert slip.planted.all() and slip.total == pytest.approx(0.0, abs=1e-12)
     # Its middle moves meanwhile.
     assert np.linalg.norm(p[-1].mean(axis=0) - p[0].mean(axis=0)) > 0.05
@@ -82,7 +82,7 @@ def test_a_foot_that_rolls_over_its_toes_does_not_slip():
 def test_a_touch_is_no_contact():
     heights = np.full(20, 0.1)
     heights[8:11] = 0.0
-    assert foot_slip("f", sliding(np.zeros(19), heights), 0.0, RATE).num_contacts == 0
+    assert foot_slip("f", [sliding(np.zeros(19), heights)], 0.0, RATE).num_contacts == 0
 
 
 def test_least_way_is_the_distance_of_the_convex_hull_from_0():
@@ -127,10 +127,10 @@ def test_a_foot_that_turns_about_a_point_of_its_sole_does_not_slip():
     )
     p = np.einsum("ijt,vj->tvi", turns, corners - pivot)
     p = np.concatenate([p, np.zeros((200, 4, 1))], axis=2)
-    assert foot_slip("f", p, 0.0, RATE).total < 1e-3
+    assert foot_slip("f", [p], 0.0, RATE).total < 1e-3
     shifted = p + np.linspace(0.0, 0.02, 200)[:, None, None] * [1.0, 0.0, 0.0]
     # The point that rests moves on: by less than the foot, which can walk so.
-    assert foot_slip("f", shifted, 0.0, RATE).total < 1e-3
+    assert foot_slip("f", [shifted], 0.0, RATE).total < 1e-3
 
 
 @pytest.mark.parametrize("frames", [3, 4, 30])

@@ -141,7 +141,7 @@ def test_what_nothing_carries_falls(motion):
     """Held up for a second; thrown; and where it jumps."""
     t = np.arange(motion.num_frames) / RATE
     up = np.array([0.0, 0.0, 1.0])
-    foot = FootSlip("left_foot", t < 0.0, 0, 0.0, np.zeros(0), 0.0, None, None, 0.0)
+    foot = FootSlip("left_foot", t < 0.0, 0, 0.0, 0.0, None, None, 0.0)
     ground = GroundContact(np.where(t < 1.0, 0.5, 0.0), ("",) * len(t), 0.0, (foot,))
 
     def faults(height):

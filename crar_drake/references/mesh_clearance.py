@@ -46,14 +46,16 @@ are off by less than a thousandth of that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.judging.judged_pairs import postures_as_built
 from crar_drake.law.compilation import compiled
+from crar_drake.motion.planted_feet import runs
 from crar_drake.references.mesh_pairs import (
     ROUNDING,
     MeshPairs,
@@ -76,28 +78,49 @@ _FINEST = 1e-4
 # Where joints are farther from 0, sums of ways are too large for doubles [rad or m].
 _FARTHEST = 1e5
 
+# Pairs that come no nearer are far from each other [m].
+_NEAR = 0.02
+
 # Configurations whose frames are placed at a time, and frames that are searched.
 _BLOCK = 512
 
 Pair = tuple[Surface, Surface]  # A and B
 
 
-@dataclass(frozen=True)
+class _Bounds(NamedTuple):
+    """What P pairs keep in T frames; no distance is smaller."""
+
+    at: np.ndarray  # (P, T) at the frames, 0 where they touch [m]
+    # (P, T - 1) on the ways to the next; 0 where they touch, or are not shown to be
+    # clear [m]
+    on: np.ndarray
+    # (P, T) and (P, T - 1) whether they were found to touch, or one inside the other;
+    # on ways, at their ends as well
+    touch_at: np.ndarray
+    touch_on: np.ndarray
+
+
+@dataclass
 class MeshClearance:
-    """What P pairs of links keep in T frames and on the ways between."""
+    """What P pairs of links keep in T frames and on the ways between.
+
+    Of pairs that come near frames and ways are told, of all others the smallest bounds
+    alone: a motion may be long, and most pairs are far from each other.
+    """
 
     pairs: list[tuple[str, str]]  # (P) their names
-    at_frames: np.ndarray  # (P, T) no distance is smaller [m]; 0 where they touch
-    # (P, T - 1) no distance on the way to the next frame is smaller [m]; 0 where they
-    # touch, or are not shown to be clear
-    on_ways: np.ndarray
-    # (P, T) whether they were found to touch, or one inside the other
-    touch_at: np.ndarray
-    touch_on: np.ndarray  # (P, T - 1) the same of ways, their ends among them
+    least_at: np.ndarray  # (P,) no distance at a frame is smaller [m],
+    least_on: np.ndarray  # (P,) and none on a way; infinite of a single frame
+    near: np.ndarray  # (K,) those that come near
+    # of these:
+    at_frames: np.ndarray  # (K, T)
+    on_ways: np.ndarray  # (K, T - 1)
+    touch_at: np.ndarray  # (K, T)
+    touch_on: np.ndarray  # (K, T - 1), as of `_Bounds`
 
     @property
     def not_shown(self) -> np.ndarray:
-        """(P, T - 1) ways that were not found to touch, nor shown to be clear."""
+        """(K, T - 1) ways that were not found to touch, nor shown to be clear."""
         return ~(self.on_ways > 0.0) & ~self.touch_on
 
     @property
@@ -110,8 +133,38 @@ class MeshClearance:
         """Ways on which a pair touches, or is not shown to be clear."""
         return int((~(self.on_ways > 0.0)).any(axis=0).sum())
 
+    def with_bounds(self, blocks: Iterable[tuple[int, _Bounds]]) -> MeshClearance:
+        """The same with what was found of some frames.
 
-_ARRAYS = ("at_frames", "on_ways", "touch_at", "touch_on")
+        Args:
+            blocks: of each the first frame, and the bounds.
+        """
+        found = replace(self, **{name: getattr(self, name).copy() for name in _OF_NEAR})
+        for first, bounds in blocks:
+            found._put(first, bounds)
+        rows, near = (found.at_frames, found.on_ways), found.near
+        for least, of_near in zip((found.least_at, found.least_on), rows, strict=True):
+            least[near] = of_near.min(axis=1, initial=np.inf)
+        return found
+
+    def _put(self, first: int, bounds: _Bounds) -> None:
+        least = [x.min(axis=1, initial=np.inf) for x in (bounds.at, bounds.on)]
+        more = np.flatnonzero(np.minimum(*least) < _NEAR)
+        more = more[~np.isin(more, self.near)]
+        self.near = np.concatenate([self.near, more])
+        # What is known of their other frames.
+        fill = self.least_at, self.least_on, np.zeros(len(self.pairs), dtype=bool)
+        for name, values in zip(_OF_NEAR[2:], (*fill, fill[-1]), strict=True):
+            rows = getattr(self, name)
+            new = np.repeat(values[more, None], rows.shape[1], axis=1)
+            setattr(self, name, np.concatenate([rows, new]))
+        for name, x in zip(_OF_NEAR[2:], bounds, strict=True):
+            getattr(self, name)[:, first : first + x.shape[1]] = x[self.near]
+        self.least_at = np.minimum(self.least_at, least[0])
+        self.least_on = np.minimum(self.least_on, least[1])
+
+
+_OF_NEAR = "least_at", "least_on", "at_frames", "on_ways", "touch_at", "touch_on"
 
 
 class ClearanceOfMeshes:
@@ -158,21 +211,27 @@ class ClearanceOfMeshes:
         else:
             changed = (q != before).any(axis=1)
         if changed.any():
-            copies = {name: getattr(found, name).copy() for name in _ARRAYS}
-            found = replace(found, **copies)
-            whole = self.robot.configurations(q)
-            for start, end in _blocks(changed):
-                # With the ways from and to its neighbours.
-                first = max(start - 1, 0)
-                part = self._find(whole[first : end + 1])
-                for name in _ARRAYS:
-                    x = getattr(part, name)
-                    copies[name][:, first : first + x.shape[1]] = x
+            found = found.with_bounds(self._blocks(q, changed))
             self._last = q.copy(), found
         return found
 
-    def _find(self, q: np.ndarray) -> MeshClearance:
-        """As `find`, of positions (T, nq) of the plant."""
+    def _blocks(
+        self, q: np.ndarray, changed: np.ndarray
+    ) -> Iterator[tuple[int, _Bounds]]:
+        """Yields the first frame of each stretch of no more than so many frames that
+        changed, with the ways from and to its neighbours, and its bounds.
+
+        Args:
+            q: (T, n) as of `find`.
+            changed: (T,) which did.
+        """
+        for first, last in runs(changed):
+            for start in range(first, last, _BLOCK):
+                begin, end = max(start - 1, 0), min(start + _BLOCK, last) + 1
+                yield begin, self._find(self.robot.configurations(q[begin:end]))
+
+    def _find(self, q: np.ndarray) -> _Bounds:
+        """As `find`, of positions (T, nq) of the plant and of all pairs."""
         links, rows = self.meshes.meshes, self.meshes.rows
         motion = _Motion(self.meshes, q)
         pairs = [(links[i], links[j]) for i, j in rows]
@@ -200,7 +259,7 @@ class ClearanceOfMeshes:
             at[row, touch_at[row]] = on[row, touch_on[row]] = 0.0
         self._look_inside(q, parted, on, touch_at, touch_on)
         at[touch_at], on[touch_on] = 0.0, 0.0
-        return MeshClearance(self.meshes.pairs, at, on, touch_at, touch_on)
+        return _Bounds(at, on, touch_at, touch_on)
 
     def _look_inside(self, q, parted, on, touch_at, touch_on) -> None:
         """One link inside the other touches it, in all frames until surfaces meet.
@@ -208,7 +267,7 @@ class ClearanceOfMeshes:
         Args:
             q: (T, nq) positions of the plant.
             parted: (P, T) where hulls are apart.
-            on, touch_at, touch_on: as of `MeshClearance`; what is found is added to the
+            on, touch_at, touch_on: as of `_Bounds`; what is found is added to the
                 last two.
         """
         decided = parted | touch_at
@@ -292,17 +351,9 @@ def swept(
 
 def _nothing(pairs: list[tuple[str, str]], frames: int) -> MeshClearance:
     """Of a motion before it is looked at."""
-    at, on = np.zeros((len(pairs), frames)), np.zeros((len(pairs), frames - 1))
-    return MeshClearance(pairs, at, on, at > 0.0, on > 0.0)
-
-
-def _blocks(mask: np.ndarray) -> Iterator[tuple[int, int]]:
-    """First frame of each stretch of a mask (T,), and the one after its last, of no
-    more than so many frames."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
-    for first, last in edges.reshape(-1, 2):
-        for start in range(first, last, _BLOCK):
-            yield start, min(start + _BLOCK, last)
+    at, on = np.zeros((0, frames)), np.zeros((0, frames - 1))
+    least, none = np.full(len(pairs), np.inf), np.zeros(0, dtype=int)
+    return MeshClearance(pairs, least, least, none, at, on, at > 0.0, on > 0.0)
 
 
 class _Motion:
@@ -433,7 +484,7 @@ class _Search:
                 [m].
 
         Returns:
-            `at_frames`, `on_ways`, `touch_at` and `touch_on` as of `MeshClearance`.
+            As of `_Bounds`.
         """
         some = np.arange(len(self._low))
         between, way_open = self._on.copy(), np.zeros(self._on.shape, dtype=bool)

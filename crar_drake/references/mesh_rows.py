@@ -43,10 +43,11 @@ class MeshRows:
     def touching(self, q: np.ndarray) -> np.ndarray:
         """See `trajectory.keeping.Meshes`."""
         found = self._clearance.find(q[:, self._columns()])
-        touching = found.at_frames < _CLEAR
-        ways = found.on_ways < _CLEAR
-        touching[:, :-1] |= ways
-        touching[:, 1:] |= ways
+        near, ways = found.at_frames < _CLEAR, found.on_ways < _CLEAR
+        near[:, :-1] |= ways
+        near[:, 1:] |= ways
+        touching = np.zeros((self.num_pairs, len(q)), dtype=bool)
+        touching[found.near] = near
         return touching
 
     def near_rows(

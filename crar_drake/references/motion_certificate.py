@@ -458,22 +458,23 @@ def _meshes(found: MeshClearance | None) -> dict | None:
     if found is None:
         return None
     least = {
-        "at_frames": found.at_frames.min(axis=1),
-        "on_ways": found.on_ways.min(axis=1, initial=np.inf),
+        "at_frames": found.least_at,
+        # Of a single frame there are no ways.
+        "on_ways": np.minimum(found.least_on, found.least_at),
     }
-    # Of a single frame there are no ways.
-    least["on_ways"] = np.minimum(least["on_ways"], least["at_frames"])
     where = {
         "touch_at": found.touch_at,
         "touch_on": found.touch_on,
         "not_shown": found.not_shown,
     }
+    order = np.argsort(found.near)
     return {
         key: (np.floor(values * 1e9) / 1e9).tolist() for key, values in least.items()
     } | {
         key: [
-            [int(row), np.flatnonzero(mask[row]).tolist()]
-            for row in np.flatnonzero(mask.any(axis=1))
+            [int(found.near[k]), np.flatnonzero(mask[k]).tolist()]
+            for k in order
+            if mask[k].any()
         ]
         for key, mask in where.items()
     }

@@ -22,6 +22,9 @@ from crar_drake.trajectory.distance_rows import configurations
 _FIRST_SLACK = 2e-4
 _LARGEST_SLACK = 0.05
 
+# Frames whose distances are in memory at a time.
+_BLOCK = 512
+
 
 @dataclass(frozen=True)
 class Margins:
@@ -54,18 +57,19 @@ def find_margins(
         q: (T, n) positions of the controlled joints [rad or m].
         rate: frames per second [Hz].
     """
-    frames = len(q)
-    whole = configurations(model, model.rest_positions(), q)
+    frames, rest = len(q), model.rest_positions()
     distance, between = np.full((2, frames), np.inf)
     pair = np.full(frames, -1)
-    if len(model.pairs):
+    for start in range(0, frames, _BLOCK) if len(model.pairs) else ():
+        some = slice(start, start + _BLOCK + 1)  # with the way to the next
+        whole = configurations(model, rest, q[some])
         d = shape_distances(whole, model.robot)
         nearest = d.argmin(axis=1)
-        distance = d[np.arange(frames), nearest]
-        pair = model.pairs.pair_of_shapes[nearest]
+        distance[some] = d[np.arange(len(d)), nearest]
+        pair[some] = model.pairs.pair_of_shapes[nearest]
         ways = np.ascontiguousarray(whole[:, model.positions])
         ways = bounds_between(ways, d, model.robot, reaches)
-        between = np.append(ways, distance[-1])
+        between[some] = np.append(ways, distance[some][-1])
     fastest = model.velocity_limits[model.controlled]
     speed = np.zeros(frames)
     speed[:-1] = (np.abs(np.diff(q, axis=0)) * rate / fastest).max(axis=1)

@@ -51,6 +51,12 @@ def robot_of(
     return WholeBody(load_robot_description(folder))
 
 
+@pytest.fixture(autouse=True)
+def all_pairs_are_near(monkeypatch):
+    """Of each the frames and ways are told."""
+    monkeypatch.setattr("crar_drake.references.mesh_clearance._NEAR", np.inf)
+
+
 def box(lower, upper) -> trimesh.Trimesh:
     return trimesh.creation.box(bounds=[lower, upper])
 
@@ -192,6 +198,25 @@ def test_many_frames_are_searched_in_parts(tmp_path, monkeypatch):
     np.testing.assert_array_equal(parts.touch_at, whole.touch_at)
     np.testing.assert_array_equal(parts.touch_on, whole.touch_on)
     assert_close(parts.at_frames[0], 0.2 - slide)
+
+
+def test_of_pairs_that_are_far_the_smallest_bounds_are_told(tmp_path, monkeypatch):
+    """Also where some frames are changed: then none that was larger is."""
+    body = robot_of(
+        tmp_path, box((0.3, -0.1, -0.1), (0.4, 0.1, 0.1)), box((0, 0, 0), (0.1,) * 3)
+    )
+    slide = np.array([0.0, 0.05, 0.1, 0.05])
+    q = np.column_stack([0.0 * slide, slide])
+    _, every = found_for(body, q)
+    monkeypatch.setattr("crar_drake.references.mesh_clearance._NEAR", 0.02)
+    meshes, found = found_for(body, q)
+    assert found.at_frames.shape == (0, 4) and found.num_unclear == 0
+    assert found.least_at == every.at_frames.min() and found.least_at > 0.04
+    assert found.least_on == every.on_ways.min()
+    q[2, 1] = 0.19  # now it is near
+    found = meshes.find(q)
+    assert found.near.tolist() == [0] and 0.0 < found.at_frames[0, 2] <= 0.01
+    assert found.least_at == found.at_frames.min()
 
 
 def test_what_is_no_number_is_told(tmp_path):

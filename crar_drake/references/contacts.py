@@ -3,7 +3,7 @@
 A motion has them among its `extras`, as `foot_contacts` (T, F) of 0 and 1 and
 `foot_names` (F,). Files of keys and values hold them under these keys; beside others of
 one motion they stand in a CSV of their own, a column for each foot and a row for each
-frame.
+frame. One that is there goes when another motion is written to its name.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from crar_drake.errors import MotionError
 from crar_drake.files import write_whole
 from crar_drake.motion.robots_own import CONTACTS_SUFFIX
 from crar_drake.references.layouts import Layout
@@ -40,6 +41,30 @@ def labels_beside(motions: Sequence[RobotMotion], layout: Layout) -> bool:
     """Whether a file of these motions has their labels in a CSV beside it."""
     alone = len(motions) == 1 and not layout.has_room
     return alone and all(key in motions[0].extras for key in LABELS)
+
+
+def read_beside(path: Path, frames: int) -> dict[str, np.ndarray]:
+    """Labels of so many frames that are beside a file, as a motion's extras have them;
+    none if there are none.
+
+    Raises:
+        MotionError: they are damaged, or of another motion.
+    """
+    place = contacts_path(path)
+    if not place.is_file():
+        return {}
+    try:
+        feet, *rows = (x.split(",") for x in place.read_text("utf-8").splitlines())
+        labels = np.array(rows, dtype=np.uint8).reshape(-1, len(feet))
+    except ValueError:
+        labels = np.empty((0, 0))
+    if len(labels) != frames or labels.max() > 1:
+        raise MotionError(
+            f"{place}: is to name the feet and have a row of 0 and 1 for each of the "
+            f"{frames} frames of {path.name}: it is damaged, or of another motion; "
+            "remove it, or write the motion again"
+        )
+    return {CONTACTS: labels, FEET_NAMES: np.array(feet)}
 
 
 def write_beside(path: Path, motion: RobotMotion) -> None:

@@ -59,12 +59,14 @@ def write_layout(
 
 
 def kept_extras(motion: RobotMotion, layout: Layout) -> dict[str, object]:
-    """What of a motion's extras goes into a file of a layout: all if it is from such a
-    one, else labels of contacts if there is room."""
-    if motion.layout == layout.name:
-        return dict(motion.extras)
-    kept = LABELS if layout.has_room else ()
-    return {key: value for key, value in motion.extras.items() if key in kept}
+    """What of a motion's extras goes into a file of a layout: labels of contacts if
+    there is room, and all others if it is from such a one."""
+    same = motion.layout == layout.name
+    return {
+        key: value
+        for key, value in motion.extras.items()
+        if (layout.has_room if key in LABELS else same)
+    }
 
 
 class _Held:

@@ -13,7 +13,12 @@ from crar_drake.errors import MotionError, nearest
 from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.motion.text_files import refuse_pointer
 from crar_drake.references.certificate_files import told_beside
-from crar_drake.references.contacts import labels_beside, write_beside
+from crar_drake.references.contacts import (
+    contacts_path,
+    labels_beside,
+    read_beside,
+    write_beside,
+)
 from crar_drake.references.evidence import settled
 from crar_drake.references.layout_reader import Reading, readings
 from crar_drake.references.layout_writer import write_layout
@@ -94,6 +99,10 @@ def read_motions(
     for possible in _read_file(Path(path), layout, rate, joint_names):
         motion = settled(possible, robot, trusted=same_robot)
         motions.append(_with_doubted_units(motion) if robot is None else motion)
+    if len(motions) == 1 and not LAYOUTS[motions[0].layout].has_room:
+        (motion,) = motions
+        labels = read_beside(Path(path), motion.num_frames)
+        motions = [replace(motion, extras={**motion.extras, **labels})]
     return tuple(motions)
 
 
@@ -142,6 +151,8 @@ def write_motions(
     write_layout(Path(path), ordered, to, robot)
     if labels_beside(motions, to):
         write_beside(Path(path), motions[0])
+    else:
+        contacts_path(Path(path)).unlink(missing_ok=True)
 
 
 def _with_doubted_units(motion: RobotMotion) -> RobotMotion:

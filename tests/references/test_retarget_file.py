@@ -344,8 +344,7 @@ def test_labels_of_contacts_go_where_the_motion_goes(made, capsys):
         if says:
             beside = np.loadtxt(says, delimiter=",", skiprows=1)
             np.testing.assert_array_equal(beside, labels)
-            continue
-        assert not contacts_path(out).exists()
+        assert contacts_path(out).exists() == bool(says)
         given = [str(out), str(other), "--to", "mjlab-npz", "--robot", str(robot)]
         assert main(["convert", *given]) == 0
         again = read_motion(other, robot=whole).extras
@@ -353,3 +352,37 @@ def test_labels_of_contacts_go_where_the_motion_goes(made, capsys):
         assert list(again["foot_names"]) == ["left_foot", "right_foot"]
     assert main(["convert", *given, "--rate", "60"]) == 0
     assert "left out" in capsys.readouterr().out
+
+
+def test_labels_beside_a_file_are_those_of_its_motion(made, tmp_path, capsys):
+    """They are read with it, and go when another motion is written there."""
+    robot, _, first, _ = made
+    of, out = ["--robot", str(robot)], tmp_path / "walk.csv"
+    for path in (first, contacts_path(first), certificate_path(first)):
+        (tmp_path / path.name.replace(first.stem, "walk")).write_bytes(
+            path.read_bytes()
+        )
+    labels = read_motion(out).extras["foot_contacts"]
+    assert labels.shape == (61, 2) and labels.any()
+    few = tmp_path / "few.csv"
+    arguments = [str(out), *of, "--out", str(few), "--frames", "3:9", "--no-page"]
+    assert main(["clean", *arguments]) == 0
+    again = read_motion(few).extras["foot_contacts"]
+    np.testing.assert_array_equal(again, labels[2:9])
+    for text in (
+        "left_foot,right_foot\n" + 6 * "0,1\n",
+        "left_foot\n" + 7 * "2\n",
+        "\0",
+    ):
+        contacts_path(few).write_text(text)
+        assert main(["judge", str(few), *of]) == 2
+        assert "few.contacts.csv: is to name the feet" in capsys.readouterr().err
+    contacts_path(few).unlink()
+    for command in (
+        ["convert", str(few), str(out)],
+        ["clean", str(few), "--out", str(out)],
+    ):
+        contacts_path(out).write_text("of another motion")
+        more = [] if command[0] == "convert" else ["--no-page"]
+        assert main([*command, *of, *more]) == 0
+        assert not contacts_path(out).exists()

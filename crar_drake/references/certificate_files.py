@@ -219,33 +219,10 @@ def _mistakes(value: object, form: object, where: str) -> Iterator[str]:
                 yield f"{inner} is missing"
 
 
-def faults_beside(motion: str | os.PathLike[str]) -> dict[str, tuple[list, list]]:
-    """What the certificate beside a motion says is wrong with this very file: of each
-    clip the faults (kind, where), and the kinds that were left as they were; empty if
-    there is none.
-    """
+def certificate_beside(motion: str | os.PathLike[str]) -> dict | None:
+    """The certificate beside a motion, if it is one of this very file."""
     with suppress(CrarError, OSError):
         certificate = read_certificate(certificate_path(motion))
         if certificate["motion"]["sha256"] == file_hash(motion):
-            clips = certificate["clips"]
-            return {c["clip"]: (c["faults"], c["left_as_it_was"]) for c in clips}
-    return {}
-
-
-def told_beside(
-    motion: str | os.PathLike[str], robot: RobotDescription | None
-) -> tuple[str | None, float | None, bool]:
-    """What the certificate beside a motion says of this very file.
-
-    Returns:
-        The name of its layout; its rate [Hz] where such files have none; each None
-        where nothing says it. And whether it was written for this robot.
-    """
-    layout = rate = files = None
-    with suppress(CrarError, OSError):
-        certificate = read_certificate(certificate_path(motion))
-        of_file = certificate["motion"]
-        if of_file["sha256"] == file_hash(motion):
-            layout, rate = of_file["layout"], of_file["rate"]
-            files = certificate["robot"]["files"]
-    return layout, rate, robot is not None and files == robot_files(robot)
+            return certificate
+    return None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 
@@ -80,7 +79,7 @@ def find_change(before: RobotMotion, after: RobotMotion, robot: WholeBody) -> Ch
         robot: that moves.
     """
     joints = after.joint_positions - before.joint_positions
-    feet, hands = _moved(before, after, robot, (FEET, HANDS))
+    feet, hands = (_moved(before, after, robot, of) for of in (FEET, HANDS))
     return Change(
         joints_rms=rms(joints),
         joints_worst=float(np.abs(joints).max()),
@@ -94,38 +93,22 @@ def find_change(before: RobotMotion, after: RobotMotion, robot: WholeBody) -> Ch
 
 
 def _moved(
-    before: RobotMotion,
-    after: RobotMotion,
-    robot: WholeBody,
-    kinds: Sequence[tuple[str, ...]],
-) -> list[np.ndarray]:
-    """Of each kind of task frames, (T, L) how far their links are apart [m]; NaN
-    without any."""
-    task_frames = robot.description.task_frames
+    before: RobotMotion, after: RobotMotion, robot: WholeBody, frames: Sequence[str]
+) -> np.ndarray:
+    """(T, L) how far the links of task frames are apart [m]; NaN without any."""
+    there = robot.description.task_frames
     links = [
-        [
-            find_frame(robot.plant, task_frames[frame]).body().name()
-            for frame in frames
-            if frame in task_frames
-        ]
-        for frames in kinds
+        find_frame(robot.plant, there[frame]).body().name()
+        for frame in frames
+        if frame in there
     ]
-    every = tuple(chain.from_iterable(links))
     was, now = (
-        motion.root_positions[:, None]
-        + np.einsum(
-            "tij,tlj->tli",
-            motion.root_rotations.as_matrix(),
-            robot.poses_in_root(motion.joint_positions, every)[0],
-        )
-        for motion in (before, after)
+        robot.poses_in_world(
+            m.root_positions, m.root_rotations, m.joint_positions, links
+        )[0]
+        for m in (before, after)
     )
-    moved = np.linalg.norm(now - was, axis=2)
-    ends = np.cumsum([len(of) for of in links[:-1]])
-    return [
-        of if of.shape[1] else np.full((1, 1), np.nan)
-        for of in np.split(moved, ends, axis=1)
-    ]
+    return np.linalg.norm(now - was, axis=2) if links else np.full((1, 1), np.nan)
 
 
 def find_frozen(before: RobotMotion, after: RobotMotion) -> np.ndarray:

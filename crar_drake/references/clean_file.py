@@ -189,13 +189,6 @@ class FileCleaner(Pipeline):
         if options.ground:
             check_feet(self.outline, robot.description.name)
 
-    def __call__(
-        self, source: Path, out: Path, progress: Progress | None = None
-    ) -> list[CleanedClip]:
-        """Cleans a file; see `clean_file`."""
-        check_place(out, source)
-        return super().__call__(source, out, progress)
-
     def solve(self, source: Path, progress: Progress | None) -> list[_Cleaned]:
         """See `Pipeline`."""
         options: CleanOptions = self.operation

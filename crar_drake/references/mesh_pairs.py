@@ -26,29 +26,6 @@ from crar_drake.robot_import.meshes import triangles_of
 ROUNDING = 1e-6
 
 
-class CarriedMesh(Surface):
-    """A link's mesh in the frame F that carries it.
-
-    Attributes:
-        name: of the link.
-    """
-
-    def __init__(self, link: LinkMesh, frame: int, X_FB: RigidTransform) -> None:
-        """
-        Args:
-            link: its mesh, in the link's frame B.
-            frame: number of F.
-            X_FB: where the link is.
-        """
-        p_BV, faces = triangles_of(link.parts)
-        # Files repeat a vertex for each of its triangles.
-        p_BV, merged = np.unique(p_BV, axis=0, return_inverse=True)
-        a, b, c = (faces := merged.reshape(-1)[faces]).T
-        vertices = p_BV @ X_FB.rotation().matrix().T + X_FB.translation()
-        super().__init__(frame, vertices, faces[(a != b) & (b != c) & (c != a)])
-        self.name = link.name
-
-
 @dataclass(frozen=True)
 class NotOf:
     """What nothing is said of."""
@@ -84,8 +61,9 @@ class MeshPairs:
         shaped = {int(link.body) for link in of_links}
         bodies = [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]
         root, _ = self.joints.place(plant.GetBodyByName(robot.root))
+        self._names = [link.name for link in of_links]
         self.meshes = [
-            CarriedMesh(link, *self.joints.place(plant.get_body(link.body)))
+            _carried(link, *self.joints.place(plant.get_body(link.body)))
             for link in of_links
         ]
         of_meshes = [link.body for link in of_links]
@@ -108,7 +86,7 @@ class MeshPairs:
 
     def named(self, rows: Iterable[Sequence[int]]) -> list[tuple[str, str]]:
         """The names of pairs of indices."""
-        return [(self.meshes[i].name, self.meshes[j].name) for i, j in rows]
+        return [(self._names[i], self._names[j]) for i, j in rows]
 
     def _is_carried(self, frame: int, root: int) -> bool:
         while frame > root:  # parents have smaller numbers
@@ -134,6 +112,16 @@ class MeshPairs:
         X = link_poses(np.array(q, dtype=float), tree, tree.every)
         X = X.reshape(len(q), -1, 4, 3)
         return X[:, :, :3].swapaxes(2, 3), X[:, :, 3]
+
+
+def _carried(link: LinkMesh, frame: int, X_FB: RigidTransform) -> Surface:
+    """A link's mesh in the frame of that number, F; X_FB: where the link is."""
+    p_BV, faces = triangles_of(link.parts)
+    # Files repeat a vertex for each of its triangles.
+    p_BV, merged = np.unique(p_BV, axis=0, return_inverse=True)
+    a, b, c = (faces := merged.reshape(-1)[faces]).T
+    vertices = p_BV @ X_FB.rotation().matrix().T + X_FB.translation()
+    return Surface(frame, vertices, faces[(a != b) & (b != c) & (c != a)])
 
 
 def relative_poses(R: np.ndarray, p: np.ndarray, a, b) -> tuple:

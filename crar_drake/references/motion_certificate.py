@@ -47,25 +47,10 @@ DISTANCE_TOLERANCE = 1e-6
 _BETWEEN = 3
 
 
-@dataclass(frozen=True)
-class CertifiedClip:
-    """What is claimed of one motion of a file."""
-
-    clip: str  # its name; "" in files with one motion
-    rate: float  # frames per second [Hz]
-    margins: Margins  # what it keeps
-    meshes: MeshClearance | None  # what the meshes keep; None where none were looked at
-    # (T,) frames, or ways from them, at which shapes about links that are too near do
-    # not matter: their meshes are not
-    excused: np.ndarray
-    faults: Sequence[Fault]  # what else is wrong with it,
-    left: Sequence[Fault]  # and what was so before, and left as it was
-
-
 def make_certificate(
     motion: Path,
     reference: Path,
-    clips: Sequence[CertifiedClip],
+    clips: Sequence[dict],
     uncovered: Uncovered,
     parameters: CleaningParameters,
     read: dict,
@@ -76,7 +61,7 @@ def make_certificate(
     Args:
         motion: the file that was written.
         reference: the file that it was made from.
-        clips: what its motions keep.
+        clips: what its motions keep (`certified_clip`).
         uncovered: what it does not cover.
         parameters: what was to be kept.
         read: layout and rate of the file, and what was guessed of its reference.
@@ -106,9 +91,41 @@ def make_certificate(
         },
         "mesh_pairs": uncovered.mesh_pairs,
         "not_covered": uncovered.as_listed(),
-        "clips": [_clip(each, description.pairs) for each in clips],
+        "clips": list(clips),
         "parameters": asdict(parameters),
         "options": options,
+    }
+
+
+def certified_clip(
+    motion: RobotMotion,
+    margins: Margins,
+    meshes: MeshClearance | None,
+    excused: np.ndarray,
+    faults: Sequence[Fault],
+    left: Sequence[Fault],
+    pairs: Sequence[Sequence[str]],
+) -> dict:
+    """What is claimed of one motion of a file.
+
+    Args:
+        motion: as it stands in the file.
+        margins, meshes: what it keeps, by shapes, and by meshes where there are some.
+        excused: (T,) frames, or ways from them, at which shapes about links that are
+            too near do not matter: their meshes are not.
+        faults, left: what else is wrong with it, and what was so before and was left.
+        pairs: that are watched.
+    """
+    frames = {key: values.tolist() for key, values in asdict(margins).items()}
+    return {
+        "clip": motion.clip,
+        "rate": motion.rate,
+        "meshes": None if meshes is None else _meshes(meshes),
+        "faults": [list(fault) for fault in faults],
+        "left_as_it_was": [fault.kind for fault in left],
+        "excused": np.flatnonzero(excused).tolist(),
+        **_summary(frames, pairs),
+        "frames": frames,
     }
 
 
@@ -430,33 +447,10 @@ def _check_frame(check, k: int, ends, bounds, referee: Referee, decide) -> None:
             )
 
 
-def _clip(each: CertifiedClip, pairs: Sequence[Sequence[str]]) -> dict:
-    m = each.margins
-    frames = {
-        "distance": m.distance.tolist(),
-        "pair": m.pair.tolist(),
-        "between": m.between.tolist(),
-        "limit": m.limit.tolist(),
-        "speed": m.speed.tolist(),
-    }
-    summary = _summary(frames, pairs)
-    of_motion = {
-        "clip": each.clip,
-        "rate": each.rate,
-        "meshes": _meshes(each.meshes),
-        "faults": [list(fault) for fault in each.faults],
-        "left_as_it_was": [fault.kind for fault in each.left],
-        "excused": np.flatnonzero(each.excused).tolist(),
-    }
-    return {**of_motion, **summary, "frames": frames}
-
-
-def _meshes(found: MeshClearance | None) -> dict | None:
+def _meshes(found: MeshClearance) -> dict:
     """Of each pair its smallest bounds, rounded down; and where something is not shown:
     the pair's index in mesh_pairs, with the frames, or the frames that ways begin at,
     counted from 0."""
-    if found is None:
-        return None
     least = {
         "at_frames": found.least_at,
         # Of a single frame there are no ways.

@@ -12,7 +12,7 @@ import numpy as np
 from crar_drake.errors import MotionError, nearest
 from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.motion.text_files import refuse_pointer
-from crar_drake.references.certificate_files import told_beside
+from crar_drake.references.certificate_files import certificate_beside, robot_files
 from crar_drake.references.contacts import (
     contacts_path,
     labels_beside,
@@ -90,11 +90,15 @@ def read_motions(
     robot: WholeBody | None = None,
 ) -> tuple[RobotMotion, ...]:
     """Reads all motions of a file, at least one; see `read_motion`."""
-    described = None if robot is None else robot.description
-    told_layout, told_rate, same_robot = told_beside(path, described)
-    layout, rate = layout or told_layout, told_rate if rate is None else rate
-    if same_robot and told_layout and layout == told_layout:
-        joint_names = joint_names or _layouts_order(LAYOUTS[layout], robot)
+    same_robot = False
+    if (told := certificate_beside(path)) is not None:
+        of_file = told["motion"]
+        layout = layout or of_file["layout"]
+        rate = of_file["rate"] if rate is None else rate
+        if robot is not None:
+            same_robot = told["robot"]["files"] == robot_files(robot.description)
+        if same_robot and layout == of_file["layout"]:
+            joint_names = joint_names or _layouts_order(LAYOUTS[layout], robot)
     motions = []
     for possible in _read_file(Path(path), layout, rate, joint_names):
         motion = settled(possible, robot, trusted=same_robot)

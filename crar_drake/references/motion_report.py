@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from crar_drake.figures import save_figure
 from crar_drake.references.layouts import LAYOUTS
+from crar_drake.references.reference_judge import beyond, frames_of, limit_excess
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.smoothness import (
     find_jumps,
@@ -98,24 +99,21 @@ def _joint_lines(motion: RobotMotion) -> Iterator[str]:
 
 
 def _limit_lines(motion: RobotMotion, robot: WholeBody) -> Iterator[str]:
-    q = motion.joint_positions
-    over = np.maximum(robot.lower - q, q - robot.upper)
-    fast = np.abs(step_speeds(motion)) - robot.speed_limits
+    over, fast = limit_excess(motion, robot)
     for what, excess, tolerance, unit in (
         ("its limits", over, LIMIT_TOLERANCE, "rad"),
         ("its speed limit", fast, SPEED_TOLERANCE, "rad/s"),
     ):
-        bad = excess > tolerance
-        if not bad.any():
+        joints = beyond(robot.joint_names, excess, tolerance)
+        if not joints:
             yield f"no joint is beyond {what}"
             continue
-        worst = excess.max(axis=0)
-        joints = sorted(np.flatnonzero(bad.any(axis=0)), key=lambda i: -worst[i])
-        reported = ", ".join(
-            f"{robot.joint_names[i]} by {worst[i]:.3g} {unit}" for i in joints[:_MOST]
+        reported = [f"{each.joint} by {each.excess:.3g} {unit}" for each in joints]
+        yield (
+            f"beyond {what} in {len(frames_of(joints))} frames: "
+            + ", ".join(reported[:_MOST])
+            + (f" and {len(joints) - _MOST} more" if len(joints) > _MOST else "")
         )
-        more = f" and {len(joints) - _MOST} more" if len(joints) > _MOST else ""
-        yield f"beyond {what} in {bad.any(axis=1).sum()} frames: {reported}{more}"
 
 
 def plot_robot_motion(motion: RobotMotion, path: str | os.PathLike[str]) -> None:

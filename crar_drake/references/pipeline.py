@@ -29,7 +29,7 @@ from crar_drake.references.faults import Fault
 from crar_drake.references.folder_page import Figure
 from crar_drake.references.ground_contact import CarryingHands, Outline
 from crar_drake.references.layouts import LAYOUTS
-from crar_drake.references.motion_certificate import CertifiedClip, make_certificate
+from crar_drake.references.motion_certificate import certified_clip, make_certificate
 from crar_drake.references.motion_files import read_motions, write_motions
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.uncovered import Uncovered
@@ -228,7 +228,7 @@ class Pipeline(ABC):
         Raises:
             ModelError, MotionError, WriteError: as of `clean_file`, `retarget_file`.
         """
-        check_place(out)
+        check_place(out, source)
         solved = self.solve(source, progress)
         robot, place, records, clips = self.robot, certificate_path(out), [], []
         to = LAYOUTS[self.operation.layout or solved[0].motion.layout]
@@ -263,7 +263,7 @@ class Pipeline(ABC):
 
     def _measured(
         self, solved: Solved, written: RobotMotion
-    ) -> tuple[WrittenClip, CertifiedClip]:
+    ) -> tuple[WrittenClip, dict]:
         """What holds of a motion in the file, for the user and for its certificate."""
         cleaner = self.cleaner(written.rate)
         q = cleaner.controlled(written)
@@ -273,7 +273,10 @@ class Pipeline(ABC):
             kept = cleaner.by_shapes.margins(q)
         excused = _unclear(now) & ~_unclear(kept)
         judged, p = self.judge(solved, written), cleaner.parameters
-        certified = written.clip, written.rate, now, meshes, excused
+        certified = certified_clip(
+            *(written, now, meshes, excused, judged.faults, judged.left),
+            self.robot.description.pairs,
+        )
         record = self.operation.record(
             clip=written.clip,
             frames=written.num_frames,
@@ -292,7 +295,7 @@ class Pipeline(ABC):
             guessed="; ".join(solved.motion.guesses),
             **judged.more,
         )
-        return record, CertifiedClip(*certified, judged.faults, judged.left)
+        return record, certified
 
     def cleaner(self, rate: float) -> Cleaner:
         """Of motions of so many frames per second [Hz].
@@ -326,7 +329,7 @@ class Pipeline(ABC):
         return replace(motion, joint_positions=joints), took
 
 
-def check_place(out: Path, source: Path | None = None) -> None:
+def check_place(out: Path, source: str | os.PathLike[str]) -> None:
     """Asks whether a motion and its certificate can be written, before long work.
 
     Raises:
@@ -336,8 +339,7 @@ def check_place(out: Path, source: Path | None = None) -> None:
     """
     check_file(out)
     check_certificate_place(out)
-    there = source is not None and out.exists() and source.exists()
-    if there and os.path.samefile(source, out):
+    if out.exists() and os.path.exists(source) and os.path.samefile(source, out):
         raise MotionError(f"{out}: is the reference itself; name another file")
 
 

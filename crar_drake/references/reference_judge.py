@@ -16,7 +16,7 @@ import numpy as np
 from crar_drake.errors import ModelError
 from crar_drake.judging.mesh_judge import MeshJudge, MeshVerdict, PairContact
 from crar_drake.judging.referee import Referee
-from crar_drake.references.certificate_files import faults_beside
+from crar_drake.references.certificate_files import certificate_beside
 from crar_drake.references.faults import LIMBS_OFF, Fault, Tolerances, find_faults
 from crar_drake.references.ground_contact import FootSlip, Outline
 from crar_drake.references.motion_files import read_motions
@@ -187,10 +187,7 @@ class ReferenceJudge:
             step = 1 if every is None else max(1, round(every * motion.rate))
             meshes = self._mesh_judge.judge(q, step)
         names = self.robot.joint_names
-        excess = np.maximum(
-            self.robot.lower - motion.joint_positions,
-            motion.joint_positions - self.robot.upper,
-        )
+        excess, too_fast = limit_excess(motion, self.robot)
         speeds = np.abs(step_speeds(motion))
         jerks = joint_jerks(motion)
         peak = int(np.abs(jerks).max(axis=0).argmax()) if jerks.size else 0
@@ -202,8 +199,8 @@ class ReferenceJudge:
             why_no_capsules=self._why_no_capsules,
             capsule_distances=distances,
             meshes=meshes,
-            limits=_beyond(names, excess, LIMIT_TOLERANCE),
-            speeds=_beyond(names, speeds - self.robot.speed_limits, SPEED_TOLERANCE),
+            limits=beyond(names, excess, LIMIT_TOLERANCE),
+            speeds=beyond(names, too_fast, SPEED_TOLERANCE),
             limit_excess=excess.max(axis=1),
             speed_ratio=(speeds / self.robot.speed_limits).max(axis=1, initial=0.0),
             lowest=ground.lowest,
@@ -239,7 +236,17 @@ class ReferenceJudge:
         return sorted(found.values(), key=lambda pair: -pair.depth), distances
 
 
-def _beyond(
+def limit_excess(
+    motion: RobotMotion, robot: WholeBody
+) -> tuple[np.ndarray, np.ndarray]:
+    """(T, n) by how much joints are beyond their limits, and (T - 1, n) on the ways to
+    the next frame beyond their speed limits; negative within [rad], [rad/s]."""
+    q = motion.joint_positions
+    over = np.maximum(robot.lower - q, q - robot.upper)
+    return over, np.abs(step_speeds(motion)) - robot.speed_limits
+
+
+def beyond(
     names: tuple[str, ...], excess: np.ndarray, tolerance: float
 ) -> tuple[Beyond, ...]:
     """Joints whose (T, n) excess is beyond a tolerance, the farthest first."""
@@ -295,10 +302,12 @@ class FileJudge:
         """
         options, judge = self._options, self._judge
         motions = read_motions(file, options.layout, options.rate, robot=judge.robot)
-        beside, verdicts = faults_beside(file), []
+        certificate, verdicts = certificate_beside(file) or {"clips": []}, []
+        said = {clip["clip"]: clip for clip in certificate["clips"]}
         for motion in motions:
-            faults, left = beside.get(motion.clip, ((), ()))
-            told = [Fault(*fault) for fault in faults if fault[0] == LIMBS_OFF]
-            of = options.every, options.tolerances, left, told
+            of_clip = said.get(motion.clip, {"faults": [], "left_as_it_was": []})
+            faults = [Fault(*fault) for fault in of_clip["faults"]]
+            told = [fault for fault in faults if fault.kind == LIMBS_OFF]
+            of = options.every, options.tolerances, of_clip["left_as_it_was"], told
             verdicts.append(judge.judge(motion, *of))
         return verdicts

@@ -197,7 +197,7 @@ def retarget_file(
     """
     out = Path(out)
     given = RetargetOptions(robot, layout=layout_of(out, layout), **options)
-    check_place(out)
+    check_place(out, motion)
     (clip,) = FileRetargeter(given)(motion, out, progress)
     return clip
 

@@ -18,7 +18,7 @@ from crar_drake.judging.mesh_judge import MeshJudge, MeshVerdict, PairContact
 from crar_drake.judging.referee import Referee
 from crar_drake.references.certificate_files import certificate_beside
 from crar_drake.references.faults import LIMBS_OFF, Fault, Tolerances, find_faults
-from crar_drake.references.ground_contact import FootSlip, Outline
+from crar_drake.references.ground_contact import GroundContact, Outline
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.smoothness import (
@@ -68,10 +68,7 @@ class ReferenceVerdict:
     limit_excess: np.ndarray
     # (T - 1,) the largest share of a speed limit; 0 without any
     speed_ratio: np.ndarray
-    lowest: np.ndarray  # (T,) height of the lowest point [m]
-    lowest_link: str  # where it is lowest of all
-    floor: float  # height of the feet when they are lowest [m]
-    feet: tuple[FootSlip, ...]  # what each does on the floor
+    ground: GroundContact  # its contact with the ground
     jumps: tuple[Jump, ...]  # in the order of their frames
     root_acceleration: tuple[float, float]  # rms and largest [m/s^2]
     rms_jerk: float  # of all joints [rad/s^3]
@@ -203,10 +200,7 @@ class ReferenceJudge:
             speeds=beyond(names, too_fast, SPEED_TOLERANCE),
             limit_excess=excess.max(axis=1),
             speed_ratio=(speeds / self.robot.speed_limits).max(axis=1, initial=0.0),
-            lowest=ground.lowest,
-            lowest_link=ground.lowest_links[int(ground.lowest.argmin())],
-            floor=ground.floor,
-            feet=ground.feet,
+            ground=ground,
             jumps=find_jumps(motion),
             root_acceleration=root_acceleration(motion.root_positions, motion.rate),
             rms_jerk=float(np.sqrt(np.mean(jerks**2))) if jerks.size else 0.0,

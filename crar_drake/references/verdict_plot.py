@@ -47,10 +47,10 @@ def plot_verdict(verdict: ReferenceVerdict, path: str | os.PathLike[str]) -> Non
     speeds.plot(times[1:], verdict.speed_ratio, linewidth=0.8)
     speeds.axhline(1.0, color="black", linewidth=0.6)
     speeds.set_ylabel("share of a speed limit")
-    ground.plot(times, 1e3 * verdict.lowest, color="black", linewidth=0.8)
+    ground.plot(times, 1e3 * verdict.ground.lowest, color="black", linewidth=0.8)
     ground.axhline(0.0, color="black", linewidth=0.6)
     low, high = ground.get_ylim()
-    for row, foot in enumerate(verdict.feet):
+    for row, foot in enumerate(verdict.ground.feet):
         bottom = low - (0.06 * (row + 1)) * (high - low)
         ground.fill_between(
             times,
@@ -62,7 +62,7 @@ def plot_verdict(verdict: ReferenceVerdict, path: str | os.PathLike[str]) -> Non
         )
     ground.set_ylabel("lowest point [mm]")
     ground.set_xlabel("time [s]")
-    if verdict.feet:
+    if verdict.ground.feet:
         ground.legend(fontsize="x-small")
     for jump in verdict.jumps:
         for axes in (pairs, limits, speeds, ground):

@@ -45,7 +45,7 @@ def verdict_row(verdict: ReferenceVerdict) -> tuple[str, ...]:
     capsules = "-"
     if verdict.capsules is not None:
         capsules = _percent(len(verdict.capsule_frames), motion.num_frames)
-    slip = max((foot.worst for foot in verdict.feet), default=np.nan)
+    slip = max((foot.worst for foot in verdict.ground.feet), default=np.nan)
     return (
         name_of(verdict),
         str(motion.num_frames),
@@ -54,7 +54,7 @@ def verdict_row(verdict: ReferenceVerdict) -> tuple[str, ...]:
         capsules,
         _percent(len(frames_of(verdict.limits)), motion.num_frames),
         _percent(len(frames_of(verdict.speeds)), max(1, motion.num_frames - 1)),
-        _millimetres(verdict.lowest.min()),
+        _millimetres(verdict.ground.lowest.min()),
         str(len(verdict.jumps)),
         "-" if np.isnan(slip) else _millimetres(slip),
         "{:.1f} / {:.1f}".format(*verdict.root_acceleration),
@@ -89,13 +89,14 @@ def verdict_lines(verdict: ReferenceVerdict) -> Iterator[str]:
         yield from _pair_lines(verdict.capsules, motion.rate)
     yield from _beyond_lines("joint limits", verdict.limits, "rad", motion.rate)
     yield from _beyond_lines("speed limits", verdict.speeds, "rad/s", motion.rate)
-    lowest = int(verdict.lowest.argmin())
+    ground = verdict.ground
+    lowest = int(ground.lowest.argmin())
     yield (
-        f"  ground: lowest {1e3 * verdict.lowest[lowest]:z.1f} mm "
-        f"({verdict.lowest_link}) at {lowest / motion.rate:.2f} s; feet stand at "
-        f"{1e3 * verdict.floor:z.1f} mm"
+        f"  ground: lowest {1e3 * ground.lowest[lowest]:z.1f} mm "
+        f"({ground.lowest_links[lowest]}) at {lowest / motion.rate:.2f} s; feet stand "
+        f"at {1e3 * ground.floor:z.1f} mm"
     )
-    for foot in verdict.feet:
+    for foot in ground.feet:
         text = (
             f"  {foot.foot}: planted {100 * foot.planted.mean():.0f} % of the time, "
             f"{foot.num_contacts} contacts; slips {1e3 * foot.total:.0f} mm in all"
@@ -108,7 +109,7 @@ def verdict_lines(verdict: ReferenceVerdict) -> Iterator[str]:
                 f"{foot.top_speed:.2f} m/s"
             )
         yield text
-    if not verdict.feet:
+    if not ground.feet:
         yield "  feet: the robot has no frames left_foot and right_foot"
     rms, peak = verdict.root_acceleration
     yield f"  root: accelerates by rms {rms:.1f}, peak {peak:.1f} m/s²"
@@ -133,7 +134,8 @@ def verdict_lines(verdict: ReferenceVerdict) -> Iterator[str]:
 
 def verdict_data(verdict: ReferenceVerdict) -> dict:
     """The verdict for JSON: SI units; frames are counted from 0."""
-    motion, meshes = verdict.motion, verdict.meshes
+    motion, meshes, ground = verdict.motion, verdict.meshes, verdict.ground
+    lowest = int(ground.lowest.argmin())
     data = {
         "file": motion.source,
         "clip": motion.clip,
@@ -149,10 +151,10 @@ def verdict_data(verdict: ReferenceVerdict) -> dict:
         "limits": [asdict(beyond) for beyond in verdict.limits],
         "speeds": [asdict(beyond) for beyond in verdict.speeds],
         "ground": {
-            "lowest": float(verdict.lowest.min()),
-            "frame": int(verdict.lowest.argmin()),
-            "link": verdict.lowest_link,
-            "floor": verdict.floor,
+            "lowest": float(ground.lowest[lowest]),
+            "frame": lowest,
+            "link": ground.lowest_links[lowest],
+            "floor": ground.floor,
         },
         "feet": [
             {
@@ -164,7 +166,7 @@ def verdict_data(verdict: ReferenceVerdict) -> dict:
                 "worst_frames": [foot.worst_start, foot.worst_end],
                 "top_speed": foot.top_speed,
             }
-            for foot in verdict.feet
+            for foot in verdict.ground.feet
         ],
         "jumps": [asdict(jump) for jump in verdict.jumps],
         "root_acceleration": dict(

@@ -97,9 +97,12 @@ def test_limits_and_speeds(judge: ReferenceJudge):
 def test_ground(judge: ReferenceJudge):
     joints = np.zeros((20, 5))
     verdict = judge.judge(motion(joints, STANDING - 0.02))
-    np.testing.assert_allclose(verdict.lowest, -0.02, atol=1e-9)
-    assert verdict.floor == pytest.approx(-0.02)
-    assert verdict.lowest_link in ("left_shin", "right_shin")
+    np.testing.assert_allclose(verdict.ground.lowest, -0.02, atol=1e-9)
+    assert verdict.ground.floor == pytest.approx(-0.02)
+    assert verdict.ground.lowest_links[verdict.ground.lowest.argmin()] in (
+        "left_shin",
+        "right_shin",
+    )
     assert verdict.violations == ("below the ground",)
     lenient = Tolerances(below_ground=0.03)
     assert (
@@ -123,8 +126,8 @@ def test_feet_stand_although_the_motion_floats(judge: ReferenceJudge):
     way = np.linspace(0.0, 0.05, 20)  # 0.08 m/s
     sliding.root_positions[:, 1] = way
     verdict = judge.judge(sliding, tolerances=Tolerances(slip=0.04))
-    assert [foot.foot for foot in verdict.feet] == ["left_foot", "right_foot"]
-    for foot in verdict.feet:
+    assert [foot.foot for foot in verdict.ground.feet] == ["left_foot", "right_foot"]
+    for foot in verdict.ground.feet:
         assert foot.planted.all() and foot.num_contacts == 1
         assert foot.total == pytest.approx(0.05) and foot.worst == foot.total
         assert foot.top_speed == pytest.approx(0.05 / 19 * 30)

@@ -76,7 +76,7 @@ def write_held(path: Path, suffix: str, held: Mapping[str, object]) -> None:
 def _csv(path: Path) -> dict[str, np.ndarray]:
     """The table as "", or its columns by name."""
     heading: list[str] = []
-    rows: list[list[float]] = []
+    rows: list[np.ndarray] = []
     lines = read_motion_text(path).split("\n")
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):
@@ -86,7 +86,7 @@ def _csv(path: Path) -> dict[str, np.ndarray]:
             heading = [cell.strip() for cell in cells]
             continue
         try:
-            row = [float(cell) for cell in cells]
+            row = np.array([float(cell) for cell in cells])  # smaller than a list
         except ValueError:
             bad = next(cell.strip() for cell in cells if not _is_number(cell))
             known = ", or ".join(", ".join(names) for names in HEADINGS)

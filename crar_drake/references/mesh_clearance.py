@@ -78,8 +78,8 @@ _FINEST = 1e-4
 # Where joints are farther from 0, sums of ways are too large for doubles [rad or m].
 _FARTHEST = 1e5
 
-# Pairs that come no nearer are far from each other [m].
-_NEAR = 0.02
+# Pairs that come no nearer are far from each other: no closer bound is sought [m].
+_NEAR = _OF_HULLS[1]
 
 # Configurations whose frames are placed at a time, and frames that are searched.
 _BLOCK = 512

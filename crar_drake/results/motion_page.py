@@ -16,8 +16,8 @@ from pydrake.geometry import Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import CrarError
-from crar_drake.motion.performer import Performer
 from crar_drake.judging.mesh_judge import PairContact
+from crar_drake.motion.performer import Performer
 from crar_drake.motion.planted_feet import runs
 from crar_drake.references.adjusting import Frames, trimmed
 from crar_drake.references.change import rms

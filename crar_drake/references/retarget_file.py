@@ -160,7 +160,7 @@ class RetargetOptions(Operation):
         Raises:
             MotionError: as `motion_files`.
         """
-        return motion_files(source, self.person)
+        return list(motion_files(source, self.person))
 
     def place(self, path: Path) -> Path:
         """See `Operation`."""

@@ -24,6 +24,7 @@ from typing import Protocol
 import numpy as np
 
 from crar_drake.law.compilation import hold
+from crar_drake.motion.planted_feet import runs
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
@@ -302,7 +303,7 @@ class Keeper:
         violated = self._violating(margins) & ~excused
         violated |= excused & (margins.distance < -_DEEP)
         violated = self._with_windows(violated, excused)
-        for start, end in _runs(~spread(violated, round(_AROUND * self.rate))):
+        for start, end in runs(~spread(violated, round(_AROUND * self.rate))):
             touching = meshes.touching(q[start:end]).any(axis=0)
             violated[start:end] |= touching
         self._excused = excused & ~self._with_windows(violated, excused)
@@ -313,7 +314,7 @@ class Keeper:
         while before != violated.sum():
             before = violated.sum()
             windows = spread(violated, round(_AROUND * self.rate))
-            for start, end in _runs(excused):
+            for start, end in runs(excused):
                 if windows[start:end].any():
                     violated[start:end] = True
         return violated
@@ -359,7 +360,8 @@ class Keeper:
             elif attempt > _ANEW:
                 solved |= self._lay_chords(y, violating)
             if begins:
-                every = _begun_with(problem)
+                # Each how many frames say what a change is, as far as it is smoothed.
+                every = max(1, int(np.sqrt(problem.smoothness.min())))
                 self._solve_each(every, problem, y, solved, state.effort, state)
             for first, last, end in self._parts(solved & (attempt < _TRIES - 1)):
                 samples = _samples(
@@ -397,7 +399,7 @@ class Keeper:
             some = touching.any(axis=0) | (self._violating(state.margins) & ~violated)
             if not some.any():
                 break
-            for run in _runs(spread(some, round(_AROUND_AGAIN * self.rate))):
+            for run in runs(spread(some, round(_AROUND_AGAIN * self.rate))):
                 pairs = touching[:, slice(*run)].any(axis=1)
                 where[pairs, slice(*run)] = True
             # At first at frames alone: distances of meshes take their time.
@@ -409,7 +411,7 @@ class Keeper:
             touching = meshes.touching(q)
         changed = (y != before).any(axis=1)
         worse = touching.any(axis=0) + len(y) * self._violating(state.margins)
-        for start, end in _runs(changed):
+        for start, end in runs(changed):
             around = slice(max(start - 1, 0), end + 1)
             if worse[around].sum() >= was_worse[around].sum():
                 y[start:end] = before[start:end]
@@ -448,7 +450,7 @@ class Keeper:
         """
         frames, changed = len(y), np.zeros(len(y), dtype=bool)
         q = self._joints(y)
-        for first, last in _runs(violating):
+        for first, last in runs(violating):
             for reach in range(1, frames):
                 a, b = max(first - reach, -1), min(last - 1 + reach, frames)
                 ends = [k for k in (a, b) if 0 <= k < frames]
@@ -485,29 +487,21 @@ class Keeper:
         return (margins.limit < -LIMIT_TOLERANCE) | fast
 
     def _margins_again(
-        self, q: np.ndarray, margins: Margins | None, changed: np.ndarray
+        self, q: np.ndarray, margins: Margins, changed: np.ndarray
     ) -> Margins:
         """The margins of a motion of which some frames have changed."""
-        if margins is None:
-            return self.margins(q)
         found = {name: x.copy() for name, x in vars(margins).items()}
-        touched = np.flatnonzero(spread(changed, 1))
-        for run in np.split(touched, np.flatnonzero(np.diff(touched) > 1) + 1):
-            if not len(run):
-                continue
-            # The last frame of a run has no way of its own here.
-            some = slice(run[0], min(run[-1] + 2, len(q)))
-            new = self.margins(q[some])
-            last = run[-1] + 1 == len(q)
-            for name, x in vars(new).items():
-                found[name][run] = x[: len(run)] if last else x[:-1]
+        for first, last in runs(spread(changed, 1)):
+            # The last of these frames has no way of its own here.
+            for name, x in vars(self.margins(q[first : last + 1])).items():
+                found[name][first:last] = x[: last - first]
         return Margins(**found)
 
     def _parts(self, mask: np.ndarray) -> Iterator[tuple[int, int, int]]:
         """First frame, frame after the last, and how far the motion is done with it;
         the last frames of a part that goes on are solved again by the next."""
         overlap = round(_OVERLAP * self.rate)
-        for first, last in _runs(mask):
+        for first, last in runs(mask):
             while last - first > _PART + overlap + _PART // 2:
                 yield first, first + _PART + overlap, first + _PART
                 first += _PART
@@ -554,11 +548,6 @@ def _part(
     return Part(problem, before, y, free, samples, effort or Effort())
 
 
-def _begun_with(problem: Problem) -> int:
-    """Each how many frames say what a change is, as far as it is smoothed."""
-    return max(1, int(np.sqrt(problem.smoothness.min())))
-
-
 def _of_each(problem: Problem, every: int) -> Problem:
     """A motion's problem of each n-th frame alone."""
     if every == 1:
@@ -585,12 +574,6 @@ def _within(problem: Problem) -> Problem:
         upper=problem.upper - inside,
         fastest=_SHARE_OF_SPEED * problem.fastest,
     )
-
-
-def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """First frame of each stretch of a mask (T,), and the one after its last."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _below(problem: Problem, y: np.ndarray, floor: float) -> np.ndarray:

@@ -27,6 +27,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pydrake.multibody.tree import Frame
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError
@@ -175,7 +176,7 @@ class Retargeter:
         if outlines is None:
             outlines = link_outlines(plant, self.model.scene_graph)
         self._outlines = outlines
-        carrying = {find_frame(plant, frame).body().name() for frame in frames.values()}
+        carrying = {self.frame(name).body().name() for name in frames}
         self._links = sorted(carrying | set(self._outlines))
         self._poses = model_of_links(description, self._links)
         self.rest = self.model.rest_positions()
@@ -187,7 +188,9 @@ class Retargeter:
         X_WB = find_body(plant, description.base).EvalPoseInWorld(context)
         self._base = X_WB.translation(), X_WB.rotation().matrix()
         self.legs = {side: self._leg(side) for side in SIDES}
-        self.soles = {side: self._corners(leg) for side, leg in self.legs.items()}
+        self.soles = {
+            side: _sole_corners(leg.points) for side, leg in self.legs.items()
+        }
         self._set_floor_points()
         self._lower, self._upper = self._bent_as_a_person()
 
@@ -316,11 +319,15 @@ class Retargeter:
             return found, k
         return self.placed(targets, frames, y), np.arange(len(frames))
 
+    def frame(self, name: str) -> Frame:
+        """A task frame in the model."""
+        return find_frame(self.model.plant, self.description.task_frames[name])
+
     def frame_points(self, names: Sequence[str]) -> tuple[list[int], np.ndarray]:
         """Of task frames: (P,) their links, and (P, 3) where they are on them [m]."""
         links, offsets = [], []
         for name in names:
-            frame = find_frame(self.model.plant, self.description.task_frames[name])
+            frame = self.frame(name)
             links.append(self._links.index(frame.body().name()))
             offsets.append(frame.GetFixedPoseInBodyFrame().translation())
         return links, np.array(offsets)
@@ -364,11 +371,7 @@ class Retargeter:
 
     def _between_legs(self) -> np.ndarray:
         """Which pairs of shapes are of both legs."""
-        plant, frames = self.model.plant, self.description.task_frames
-        left, right = (
-            set(links_outward(plant, find_frame(plant, frames[f"{side}_hip"])))
-            for side in SIDES
-        )
+        left, right = (set(self._outward(f"{side}_hip")) for side in SIDES)
         of_pairs = np.array(
             [
                 (a in left and b in right) or (a in right and b in left)
@@ -378,16 +381,19 @@ class Retargeter:
         )
         return of_pairs[self.model.pairs.pair_of_shapes]
 
+    def _outward(self, name: str) -> list[str]:
+        """The links from a task frame's on."""
+        return links_outward(self.model.plant, self.frame(name))
+
     def _place(self, name: str) -> np.ndarray:
-        frame = find_frame(self.model.plant, self.description.task_frames[name])
-        return frame.CalcPoseInWorld(self._context).translation()
+        """(3,) where a task frame is at rest [m]."""
+        return self.frame(name).CalcPoseInWorld(self._context).translation()
 
     def _leg(self, side: str) -> LegShape:
         plant = self.model.plant
-        foot = find_frame(plant, self.description.task_frames[f"{side}_foot"])
         hip, knee, ankle = (self._place(f"{side}_{x}") for x in ("hip", "knee", "foot"))
         points = []
-        for link in links_outward(plant, foot):
+        for link in self._outward(f"{side}_foot"):
             if link in self._outlines:
                 outline = self._outlines[link]
                 X_WL = plant.GetBodyByName(link).EvalPoseInWorld(self._context)
@@ -400,17 +406,15 @@ class Retargeter:
                 "sole to stand on"
             )
         points = np.concatenate(points)
-        sole = points[points[:, 2] <= points[:, 2].min() + _SOLE]
-        (x0, y0, z), (x1, y1, _) = sole.min(axis=0), sole.max(axis=0)
-        middle = 0.5 * (y0 + y1)
+        corners = _sole_corners(points)
         thigh, shank = np.linalg.norm(knee - hip), np.linalg.norm(ankle - knee)
         return LegShape(
             hip=hip - self._base[0],
             thigh=float(thigh),
             shank=float(shank),
             points=points,
-            heel=np.array([x0, middle, z]),
-            ball=np.array([x1, middle, z]),
+            heel=corners[:2].mean(axis=0),
+            ball=corners[2:].mean(axis=0),
         )
 
     def sole_points(self) -> tuple[list[int], np.ndarray]:
@@ -419,20 +423,12 @@ class Retargeter:
         links, offsets = [], []
         ends = {side: np.array([leg.heel, leg.ball]) for side, leg in self.legs.items()}
         for side, corners in (*ends.items(), *self.soles.items()):
-            name = self.description.task_frames[f"{side}_foot"]
-            body = find_frame(self.model.plant, name).body()
+            body = self.frame(f"{side}_foot").body()
             X_WL = body.EvalPoseInWorld(self._context)
             ankle = self._place(f"{side}_foot")
             links += [self._links.index(body.name())] * len(corners)
             offsets.append(X_WL.inverse().multiply((ankle + corners).T).T)
         return links, np.concatenate(offsets)
-
-    def _corners(self, leg: LegShape) -> np.ndarray:
-        """(4, 3) of a sole: two of the heel, two of the ball, from the foot's frame."""
-        z = leg.points[:, 2]
-        sole = leg.points[z <= z.min() + _SOLE]
-        (x0, y0), (x1, y1) = sole[:, :2].min(axis=0), sole[:, :2].max(axis=0)
-        return np.array([[x, y, z.min()] for x in (x0, x1) for y in (y0, y1)])
 
     def _set_floor_points(self) -> None:
         """Which links have a shape (K,), the points that can be their lowest (N, 3)
@@ -440,16 +436,7 @@ class Retargeter:
         (K + 1,)."""
         rng = np.random.default_rng(0)
         directions = rng.normal(size=(_OF_FEET, 3))
-        feet = {
-            link
-            for side in SIDES
-            for link in links_outward(
-                self.model.plant,
-                find_frame(
-                    self.model.plant, self.description.task_frames[f"{side}_foot"]
-                ),
-            )
-        }
+        feet = {link for side in SIDES for link in self._outward(f"{side}_foot")}
         links, points, radii, first = [], [], [], [0]
         for link, outline in self._outlines.items():
             count = _OF_FEET if link in feet else _OF_LINKS
@@ -491,7 +478,7 @@ class Retargeter:
         from there the end goes ahead as it turns; None if it does not say."""
         model, plant = self.model, self.model.plant
         context = plant.CreateDefaultContext()
-        frames = [find_frame(plant, self.description.task_frames[x]) for x in chain]
+        frames = [self.frame(name) for name in chain]
 
         def places(q: np.ndarray) -> list[np.ndarray]:
             plant.SetPositions(context, q)
@@ -529,6 +516,15 @@ class Retargeter:
         if best is None or abs(best[3]) < 0.02:
             return None
         return best[1:]
+
+
+def _sole_corners(points: np.ndarray) -> np.ndarray:
+    """(4, 3) of the sole of a foot's points (V, 3), two of the heel, then two of the
+    ball [m]."""
+    z = points[:, 2].min()
+    sole = points[points[:, 2] <= z + _SOLE, :2]
+    ends = np.stack([sole.min(axis=0), sole.max(axis=0)])
+    return np.array([[x, y, z] for x in ends[:, 0] for y in ends[:, 1]])
 
 
 def bridged(y: np.ndarray, some: np.ndarray) -> np.ndarray:
@@ -588,10 +584,8 @@ class PersonTasks:
         self._hand_links, self._hand_turns = [], np.empty((count, 3, 3))
         self._hand_rotations = np.empty((len(on), count, 3, 3))
         for number, hand in enumerate(hands):
-            name = robot.description.task_frames[hand]
-            frame = find_frame(robot.model.plant, name)
             self._hand_links += robot.frame_points([hand])[0]
-            X_BF = frame.GetFixedPoseInBodyFrame()
+            X_BF = robot.frame(hand).GetFixedPoseInBodyFrame()
             self._hand_turns[number] = X_BF.rotation().matrix()
             self._hand_rotations[:, number] = targets.hands[hand]
 

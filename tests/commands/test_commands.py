@@ -355,8 +355,12 @@ def test_without_a_command_help_is_printed(capsys):
         ("show nowhere.npz there.npz", "nowhere.npz: there is no such log"),
         ("show a.npz b.npz --label x", "--label: given 1 times for 2 files"),
         ("show --robot g1", "--robot is of a robot's motion or a log or several logs"),
-        ("show dance --clip x", "dance: --clip is of several motions of a robot, not"),
-        ("show a.npz b.npz --clip x", "--clip is of several motions of a robot, not"),
+        (
+            "show dance --clip x",
+            "dance: --clip is of several motions of a robot or a person beside a robot, "
+            "not of a person's motion",
+        ),
+        ("show a.npz b.npz --clip x", "a person beside a robot, not of several logs"),
     ],
 )
 def test_mistakes_are_refused(command, expected, empty_folder, refused):

@@ -357,8 +357,8 @@ def test_without_a_command_help_is_printed(capsys):
         ("show --robot g1", "--robot is of a robot's motion or a log or several logs"),
         (
             "show dance --clip x",
-            "dance: --clip is of several motions of a robot or a person beside a robot, "
-            "not of a person's motion",
+            "dance: --clip is of several motions of a robot or a person beside a "
+            "robot, not of a person's motion",
         ),
         ("show a.npz b.npz --clip x", "a person beside a robot, not of several logs"),
     ],

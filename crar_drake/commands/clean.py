@@ -185,6 +185,7 @@ def run(arguments: argparse.Namespace) -> int:
     from crar_drake.files import check_file
     from crar_drake.references.certificate_files import certificate_path
     from crar_drake.references.clean_file import clean_file
+    from crar_drake.references.contacts import contacts_path
 
     out = arguments.out or OUT / "clean" / label(reference).with_suffix(
         reference.suffix
@@ -205,6 +206,8 @@ def run(arguments: argparse.Namespace) -> int:
             print(line)
     print(out)
     print(certificate_path(out), flush=True)
+    if contacts_path(out).exists():
+        print(contacts_path(out), flush=True)
     if not arguments.no_page:
         _write_page(arguments, out, page, clips)
         print(page)

@@ -121,7 +121,7 @@ class CrarController(LeafSystem):
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises
     them, the inverse dynamics of Eq. (29), is computed anew at each torque tick, on the
-    state of that instant, `Shared.torque_ticks` times a control period: a
+    state of that instant, as often in a period as `Shared.torque_ticks` says: a
     torque that is held is not an acceleration that is held. Every control tick is a
     torque tick; there the law comes first, and its torque is that of the tick. In
     between only the torque changes, and NaN among the targets is not seen.
@@ -188,11 +188,13 @@ class CrarController(LeafSystem):
                 ("desired_tasks", model.layout.size),
                 ("desired_prescribed", 3 * model.n_p),
                 ("nominal_posture", model.n * self.law.has_posture),
-                ("locked_positions", len(self._locked)),
             )
             if size
         }
         self._obstacles = ObstaclePort(self, obstacle_speeds)
+        if self._locked:
+            port = self.DeclareVectorInputPort("locked_positions", len(self._locked))
+            self._inputs["locked_positions"] = port
         if self._obstacles and safe:
             self.law.among  # noqa: B018 (what does not go with them is refused now)
 

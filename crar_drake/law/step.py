@@ -305,11 +305,6 @@ def _towards_braking(
                 scaled, taken, clearances = some, others, looked.clearances
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
-        if high == LESS[0]:
-            less = _of_less(state, constraints, asked)
-            if less is not None:
-                taken, low, clearances = less
-                break
         middle = 0.5 * (low + high)
         some = np.where(scaled, middle * s, s)
         looked = examine(constraints, state, some)
@@ -317,6 +312,9 @@ def _towards_braking(
             low, taken, clearances = middle, some, looked.clearances
         else:
             high = middle
+            if high == LESS[0] and (less := _of_less(state, constraints, asked)):
+                taken, low, clearances = less
+                break
     least = min(each.share for each in found.objections.values())
     if low == 0.0 and least > 0.0:
         looked = examine(constraints, state, least * s)

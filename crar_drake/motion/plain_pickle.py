@@ -272,6 +272,10 @@ def _unpacked(path: Path) -> bytes:
         return data
     try:
         unpacked = unpacker.decompress(data, most + 1)
+        # Some compress a file in several streams.
+        while unpacker.eof and unpacker.unused_data and len(unpacked) <= most:
+            data, unpacker = unpacker.unused_data, unpacker_of()
+            unpacked += unpacker.decompress(data, most + 1 - len(unpacked))
     except (EOFError, OSError, zlib.error, lzma.LZMAError) as error:
         raise RefusedPickle(
             f"the compressed file is damaged or cut off ({error})"

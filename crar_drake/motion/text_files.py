@@ -48,13 +48,13 @@ class NumberedLines:
     """The lines of a text file as words, and errors that name file and line.
 
     Attributes:
-        number: of the line that was read last, from 1; 0 in an empty file.
+        number: of the line that was read last, from 1; 0 before the first.
     """
 
     def __init__(self, path: str | os.PathLike[str], comment: str = "\n") -> None:
         """
         Args:
-            comment: what begins one, up to the end of its line.
+            comment: what begins one, up to the end of its line; by default none.
 
         Raises:
             MotionError: as of `read_motion_text`.

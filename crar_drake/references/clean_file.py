@@ -17,6 +17,7 @@ from crar_drake.references.adjusting import (
     set_on_ground,
     trimmed,
 )
+from crar_drake.references.certificate_files import file_hash
 from crar_drake.references.change import (
     ANY_CHANGE,
     AtMost,
@@ -25,6 +26,7 @@ from crar_drake.references.change import (
     find_frozen,
 )
 from crar_drake.references.cleaning import CleaningParameters
+from crar_drake.references.contacts import contacts_path
 from crar_drake.references.faults import find_faults, left_as_it_was
 from crar_drake.references.folder_page import Figure
 from crar_drake.references.folders import find_references
@@ -115,8 +117,10 @@ class CleanOptions(Operation):
         return find_references(folder)
 
     def options(self, source: str | os.PathLike[str]) -> dict:
-        """See `Operation`."""
+        """See `Operation`; with the hash of labels beside the file, if there are."""
+        labels = contacts_path(Path(source))
         return {
+            **({"labels": file_hash(labels)} if labels.is_file() else {}),
             "layout": self.layout,
             "rate": self.rate,
             "frames": list(self.frames),

@@ -8,6 +8,7 @@ frame. One that is there goes when another motion is written to its name.
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.files import write_whole
-from crar_drake.motion.robots_own import CONTACTS_SUFFIX
+from crar_drake.motion.robots_own import CONTACTS_SUFFIX, is_reference
 from crar_drake.references.layouts import Layout
 from crar_drake.references.robot_motion import RobotMotion
 
@@ -55,16 +56,24 @@ def read_beside(path: Path, frames: int) -> dict[str, np.ndarray]:
         return {}
     try:
         feet, *rows = (x.split(",") for x in place.read_text("utf-8").splitlines())
-        labels = np.array(rows, dtype=np.uint8).reshape(-1, len(feet))
-    except ValueError:
-        labels = np.empty((0, 0))
-    if len(labels) != frames or labels.max() > 1:
+        labels = np.array(rows, dtype=np.uint8)
+    except (ValueError, OverflowError):
+        labels, feet = np.empty(0), []
+    if labels.shape != (frames, len(feet)) or labels.max() > 1:
         raise MotionError(
             f"{place}: is to name the feet and have a row of 0 and 1 for each of the "
             f"{frames} frames of {path.name}: it is damaged, or of another motion; "
             "remove it, or write the motion again"
         )
     return {CONTACTS: labels, FEET_NAMES: np.array(feet)}
+
+
+def remove_beside(path: Path) -> None:
+    """Removes labels that were of another motion of that name; those of a motion that
+    has only its stem, such as clean.csv beside clean.npz, stay."""
+    others = path.parent.glob(f"{glob.escape(path.stem)}.*")
+    if not any(is_reference(other) and other != path for other in others):
+        contacts_path(path).unlink(missing_ok=True)
 
 
 def write_beside(path: Path, motion: RobotMotion) -> None:

@@ -306,7 +306,7 @@ def read_table(table: Path, folder: Path, record: type) -> dict[Path, FileResult
     columns = _columns(record)
     with open(table, newline="", encoding="utf-8", errors=_ANY_NAME) as stream:
         reader = csv.DictReader(stream)
-        if tuple(reader.fieldnames or ()) != (*_FIRST_COLUMNS, *columns):
+        if {*(reader.fieldnames or ())} != {*_FIRST_COLUMNS, *columns}:
             return {}
         try:
             rows = list(reader)

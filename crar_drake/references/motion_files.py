@@ -14,9 +14,9 @@ from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.motion.text_files import refuse_pointer
 from crar_drake.references.certificate_files import certificate_beside, robot_files
 from crar_drake.references.contacts import (
-    contacts_path,
     labels_beside,
     read_beside,
+    remove_beside,
     write_beside,
 )
 from crar_drake.references.evidence import settled
@@ -156,7 +156,7 @@ def write_motions(
     if labels_beside(motions, to):
         write_beside(Path(path), motions[0])
     else:
-        contacts_path(Path(path)).unlink(missing_ok=True)
+        remove_beside(Path(path))
 
 
 def _with_doubted_units(motion: RobotMotion) -> RobotMotion:

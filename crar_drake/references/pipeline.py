@@ -24,7 +24,7 @@ from crar_drake.references.certificate_files import (
     write_certificate,
 )
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
-from crar_drake.references.contacts import contacts_path
+from crar_drake.references.contacts import contacts_path, remove_beside
 from crar_drake.references.faults import Fault
 from crar_drake.references.folder_page import Figure
 from crar_drake.references.ground_contact import CarryingHands, Outline
@@ -257,8 +257,8 @@ class Pipeline(ABC):
             )
             write_certificate(folder / place.name, certificate)
             labelled = contacts_path(file).exists()
-        if not labelled:  # those that are there are of another motion
-            contacts_path(out).unlink(missing_ok=True)
+        if not labelled:
+            remove_beside(out)
         return records
 
     def _measured(

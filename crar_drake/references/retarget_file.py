@@ -123,7 +123,7 @@ class RetargetOptions(Operation):
 
     def sources(self, folder: Path) -> list[Path]:
         """See `Operation`; skeletons, motions of robots and certificates are none."""
-        self.place(folder)
+        layout_named(self.layout)
         found = sorted(
             path
             for path in folder.rglob("*")

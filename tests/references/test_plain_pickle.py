@@ -117,7 +117,8 @@ def test_a_file_as_joblib_writes_it(joblib_file: Path):
 
 def test_a_compressed_file_as_joblib_writes_it(joblib_file: Path):
     data = joblib_file.read_bytes()
-    for packed in (zlib.compress(data, 3), gzip.compress(data)):
+    streams = gzip.compress(data[:99]) + gzip.compress(data[99:])
+    for packed in (zlib.compress(data, 3), gzip.compress(data), streams):
         joblib_file.write_bytes(packed)
         assert same(DATA, read_plain_pickle(joblib_file))
         joblib_file.write_bytes(packed[: len(packed) // 2])

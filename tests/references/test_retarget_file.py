@@ -21,7 +21,7 @@ from crar_drake.references.certificate_files import (
     read_certificate,
 )
 from crar_drake.references.clean_file import clean_file
-from crar_drake.references.contacts import contacts_path
+from crar_drake.references.contacts import contacts_path, write_beside
 from crar_drake.references.faults import find_faults
 from crar_drake.references.folders import find_references
 from crar_drake.references.ground_contact import FootSlip, GroundContact
@@ -372,6 +372,8 @@ def test_labels_beside_a_file_are_those_of_its_motion(made, tmp_path, capsys):
     for text in (
         "left_foot,right_foot\n" + 6 * "0,1\n",
         "left_foot\n" + 7 * "2\n",
+        "left_foot\n" + 7 * "300\n",
+        "left_foot\n1,0,0,0,1,0,1\n",
         "\0",
     ):
         contacts_path(few).write_text(text)
@@ -386,3 +388,8 @@ def test_labels_beside_a_file_are_those_of_its_motion(made, tmp_path, capsys):
         more = [] if command[0] == "convert" else ["--no-page"]
         assert main([*command, *of, *more]) == 0
         assert not contacts_path(out).exists()
+    # Those of a file of the same stem stay.
+    npz = out.with_suffix(".npz")
+    write_beside(out, read_motion(first))
+    assert main(["convert", str(few), str(npz), "--to", "mjlab-npz", *of]) == 0
+    assert contacts_path(out).exists()

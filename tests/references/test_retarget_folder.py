@@ -68,10 +68,12 @@ def retarget(places, out, **options):
     return files, sorted(pool.files)
 
 
-def test_people_are_found_and_nothing_else(places, tmp_path):
+def test_people_are_found_and_nothing_else(places, tmp_path, monkeypatch):
     work = RetargetOptions("")
     found = [str(path.relative_to(places[1])) for path in work.sources(places[1])]
     assert found == ["bare/three.amc", "damaged.bvh", "deep/two.amc", "one.amc"]
+    monkeypatch.chdir(places[1])
+    assert list(map(str, work.sources(Path(".")))) == found
     (tmp_path / "one.asf").write_text("")
     write_csv(tmp_path / "robot.csv", reaching(5, 30.0, 0.5))
     with pytest.raises(CrarError, match=r"no motions of people .*crar-drake clean"):

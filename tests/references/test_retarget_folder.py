@@ -3,6 +3,7 @@
 import csv
 import shutil
 from concurrent.futures import Future
+from pathlib import Path
 
 import numpy as np
 import pytest

@@ -183,21 +183,23 @@ def save_choices(path: Path, choices: ImportChoices, guessed: dict[str, str]) ->
 
 def _block(key: str, value, how: str) -> str:
     comment = _COMMENTS.get(key)
-    lines = [f"# {comment}"] if comment else []
+    text = f"# {comment}\n" if comment else ""
     if how:
-        lines.append(f"# GUESSED, check it: {how}")
+        text += f"# GUESSED, check it: {how}\n"
+    return text + entry_text(key, value)
+
+
+def entry_text(key: str, value) -> str:
+    """The lines of a key and its value in an import file."""
     if isinstance(value, bool):
         value = str(value).lower()
     if value == -math.inf:
         value = "-.inf"  # as YAML has it
     if isinstance(value, str | int | float):
-        lines.append(f"{key}: {value}")
-    elif not value:
-        lines.append(f"{key}: {'{}' if isinstance(value, dict) else '[]'}")
-    else:
-        lines.append(f"{key}:")
-        lines += [f"  {line}" for line in _entries(value)]
-    return "\n".join(lines) + "\n"
+        return f"{key}: {value}\n"
+    if not value:
+        return f"{key}: {'{}' if isinstance(value, dict) else '[]'}\n"
+    return f"{key}:\n" + "".join(f"  {line}\n" for line in _entries(value))
 
 
 def _entries(value) -> list[str]:

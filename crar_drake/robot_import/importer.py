@@ -1,12 +1,12 @@
 """The whole way from a robot's file to a folder that the controller can use."""
 
 import os
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from crar_drake.errors import ModelError
+from crar_drake.errors import ModelError, nearest
 from crar_drake.files import whole_set, write_whole
 from crar_drake.resources import require_packages
 from crar_drake.robot.description import (
@@ -24,7 +24,12 @@ from crar_drake.robot_import.alarms import (
 from crar_drake.robot_import.anatomy import find_anatomy, link_twins
 from crar_drake.robot_import.body_plan import frame_alarms, refuse_hand, turned_hands
 from crar_drake.robot_import.capsule_fitting import Fit
-from crar_drake.robot_import.choices import ImportChoices, load_choices, save_choices
+from crar_drake.robot_import.choices import (
+    ImportChoices,
+    entry_text,
+    load_choices,
+    save_choices,
+)
 from crar_drake.robot_import.import_report import ImportReport, Progress
 from crar_drake.robot_import.link_bodies import (
     cover_triangles,
@@ -91,7 +96,8 @@ def import_robot(
         out: the folder.
         progress: is told what is done.
         given: keys of the import file (`ImportChoices`) that are decided already, on a
-            first import; `package_paths` on any. What is not given is guessed.
+            first import; `package_paths` on any. What is not given is guessed. Where
+            there is an import file a value must be the default or the file's.
 
     Nothing of it is written unless all of it can be; only the import file is, where
     what is guessed has to be corrected first.
@@ -103,7 +109,7 @@ def import_robot(
     check_installed()
     progress = progress or (lambda what, share: None)
     file = out / IMPORT_FILE
-    wanted = ImportChoices(**given)
+    wanted = _wanted(given)
     if wanted.srdf:  # an option's path is relative to where one is
         wanted.srdf = str(Path(wanted.srdf).resolve())
     if file.is_file():
@@ -261,11 +267,10 @@ def check_installed() -> None:
     require_packages(_MESH_PACKAGES, "importing robots")
 
 
-# Options that an import file decides, and what in it was guessed by them.
+# Keys of an import file, and what in it was guessed by them.
 _STALE = {
     "lock": "locked, segments, rest_posture and pairs",
     "cover": "pairs",
-    "base": "",
     "srdf": "locked, rest_posture and pairs",
     "posture": "locked, rest_posture and pairs",
 }
@@ -273,24 +278,49 @@ _STALE = {
 
 def _check_wanted(wanted: ImportChoices, choices: ImportChoices, file: Path) -> None:
     """What an import file says is changed there, by no option."""
-    for key, stale in _STALE.items():
+    default = ImportChoices()
+    for key in _keys():
         value, known = getattr(wanted, key), getattr(choices, key)
-        if value is None or value in ("", False):
+        if value == getattr(default, key):
             continue
-        entry = f"{key}: {value}"
+        text = entry_text(key, value)
+        entry = text.strip() if text.count("\n") == 1 else f"your {key}"
         if key == "lock":
             value, known = set(value), None if known is None else set(known)
             entry = f"lock: [{', '.join(wanted.lock)}]"
         elif key == "srdf" and known:
             known = str((file.parent / known).resolve())
-        elif key == "cover":
-            entry = "cover: true"
-        if value != known:
-            take_out = f", take out {stale}," if stale else ""
+        # Numbers are rounded where they are written.
+        if value != known and (known is None or text != entry_text(key, known)):
+            take_out = f", take out {_STALE[key]}," if key in _STALE else ""
             raise ModelError(
                 f"{file} is there already: write {entry} into it{take_out} and import "
                 "again without the option"
             )
+
+
+def _wanted(given: dict) -> ImportChoices:
+    """The choices with what is given, tuples in it as lists, as the file has them."""
+    for key in given:
+        if key not in (known := (*_keys(), "package_paths")):
+            raise ModelError(
+                f"import_robot: {key}: unknown key of an import{nearest(key, known)}"
+            )
+    return ImportChoices(**{key: _listed(value) for key, value in given.items()})
+
+
+def _keys() -> list[str]:
+    """Of an import file, those that every import of the robot shares."""
+    names = (each.name for each in fields(ImportChoices))
+    return [name for name in names if name not in ("source", "package_paths")]
+
+
+def _listed(value):
+    if isinstance(value, list | tuple):
+        return [*map(_listed, value)]
+    if isinstance(value, dict):
+        return {key: _listed(entry) for key, entry in value.items()}
+    return value
 
 
 def _locate(source: str, out: Path) -> Path:

@@ -253,6 +253,50 @@ def test_a_folder_belongs_to_one_robot(imported, tmp_path):
         import_robot(other, imported.folder)
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"most_capsules": 3}, "is there already: write most_capsules: 3 into it and"),
+        ({"facing": "-y"}, "is there already: write facing: -y into it"),
+        ({"pairs": [("head", "pelvis")]}, "is there already: write your pairs into it"),
+        ({"locked": {"neck": 1.0}}, "is there already: write your locked into it"),
+        ({"name": "other"}, "is there already: write name: other into it"),
+        ({"pair": []}, "pair: unknown key of an import; did you mean 'pairs'"),
+        ({"cap": 1}, "cap: unknown key of an import"),
+    ],
+)
+def test_nothing_that_is_given_is_dropped(imported, given, message):
+    before = contents(imported.folder)
+    with pytest.raises(ModelError, match=message):
+        import_robot("", imported.folder, **given)
+    assert contents(imported.folder) == before
+
+
+def test_what_is_given_may_be_tuples_and_may_be_given_again(tmp_path):
+    parts = [link("base")]
+    for i, below in enumerate(["base", "l0", "l1"]):
+        parts += [
+            link(f"l{i}", '<capsule radius="0.03" length="0.1"/>', "0 0 0.1"),
+            joint(f"j{i}", below, f"l{i}", "0 1 0", "0 0 0.2"),
+        ]
+    given = {
+        "most_capsules": 1,
+        "base": "fixed",
+        "pairs": [("l0", "l2")],
+        "lock": ("legs",),
+        "locked": {"j1": 0.123456789},
+        "package_paths": (tmp_path,),
+    }
+    urdf = write(tmp_path, robot(parts))
+    import_robot(urdf, tmp_path, **given)
+    before = (tmp_path / "import.yaml").read_bytes()
+    choices = load_choices(tmp_path / "import.yaml")
+    assert (choices.pairs, choices.lock) == ([["l0", "l2"]], ["legs"])
+    assert choices.package_paths == [str(tmp_path)]
+    import_robot(urdf, tmp_path, **given)
+    assert (tmp_path / "import.yaml").read_bytes() == before
+
+
 def contents(folder: Path) -> dict[Path, bytes]:
     return {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 

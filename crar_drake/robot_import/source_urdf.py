@@ -44,6 +44,8 @@ _PRIMITIVES = {
     "ellipsoid": (Ellipsoid, ("a", "b", "c"), 3),
 }
 
+_LEAST_SCALE = 1e-8  # of a mesh, that Drake takes
+
 _QUATERNION = "quat_xyzw"  # how URDF 1.1 turns an <origin>
 
 # Drake's elements that close a chain, which the controller's model has no part for.
@@ -184,7 +186,7 @@ def _read_shape(element, link, colours, meshes, notes) -> Shape | None:
     kind = shape.tag.removeprefix("_drake_")
     if kind == "mesh":
         scale = three_numbers(shape.get("scale", "1 1 1"))
-        if not all(scale):
+        if min(map(abs, scale)) < _LEAST_SCALE:
             notes.append(f"link {link}: a mesh with a scale of zero is left out")
             return None
         found = meshes.find(shape.get("filename", ""), f"link {link}")

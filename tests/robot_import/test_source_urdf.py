@@ -198,6 +198,8 @@ def test_what_is_no_number_is_named(tmp_path, text, words):
         '<sphere radius="0.0"/>',
         '<box size="0 0.1 0.1"/>',
         '<cylinder radius="0.1" length="0"/>',
+        '<mesh filename="a.obj" scale="1 0 1"/>',
+        '<mesh filename="a.obj" scale="1 -1e-9 1"/>',
     ],
 )
 def test_shapes_without_size_are_left_out(tmp_path, shape):

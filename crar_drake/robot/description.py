@@ -147,10 +147,11 @@ class RobotDescription:
                 f"range_share: {self.range_share} is no share; it is more than 0 and "
                 "at most 1"
             )
+        often = Counter(map(frozenset, self.pairs))
         for pair in self.pairs:
             if len(pair) != 2 or pair[0] == pair[1]:
                 yield f"pairs: {pair} must name two different links"
-            if self.pairs.count(pair) + self.pairs.count(pair[::-1]) > 1:
+            if often[frozenset(pair)] > 1:
                 yield f"pairs: {pair} is there twice; it would count twice in Eq. (26)"
         watched = {name for pair in self.pairs for name in pair}
         if self.ground is not None and not math.isfinite(self.ground):

@@ -208,6 +208,7 @@ NO_PAIR = r"ground: 0.0, but no pair names 'ground'.*\[left_foot"
         ({"root_pose": RootPose(rpy=[0.0])}, "root_pose.rpy"),
         ({"pairs": [["a", "b"], ["a", "b"]]}, "twice"),
         ({"pairs": [["a", "b"], ["b", "a"]]}, "twice"),
+        ({"pairs": [("a", "b"), ["b", "a"]]}, "twice"),
         (
             {"ground": np.nan, "pairs": [["a", "ground"]]},
             "ground: nan must be a height",

@@ -76,22 +76,24 @@ def _held(holder):
 class _Teller(event.Listener):
     """Tells that Numba compiles: on stderr once, unless `when_compiling`."""
 
-    tell: Callable[[str], None] | None = None
     count, begun, told, said = 0, 0.0, 0.0, False
 
+    def __init__(self) -> None:
+        self.tellers: list[Callable[[str], None]] = []  # of blocks; the last is used
+
     def on_start(self, of: event.Event) -> None:
-        now = time.monotonic()
+        now, tell = time.monotonic(), next(reversed(self.tellers), None)
         if not self.begun and isinstance(of.data["dispatcher"], Program):
             self.count, self.begun, self.told = 0, now, now
-            if self.tell:
-                self.tell(COMPILING)
+            if tell:
+                tell(COMPILING)
             elif not self.said:
                 self.said = True
                 with suppress(OSError, ValueError, AttributeError):  # closed, or none
                     print(f"crar_drake: {COMPILING}", file=sys.stderr, flush=True)
-        elif self.begun and self.tell and now - self.told >= _REPORTED_EVERY:
+        elif self.begun and tell and now - self.told >= _REPORTED_EVERY:
             self.told, passed = now, now - self.begun
-            self.tell(f"{self.count} functions compiled in {passed:.0f} s")
+            tell(f"{self.count} functions compiled in {passed:.0f} s")
 
     def on_end(self, _: event.Event) -> None:
         self.count += 1
@@ -104,14 +106,17 @@ event.register("numba:compile", _teller)
 @contextmanager
 def when_compiling(tell: Callable[[str], None]) -> Iterator[None]:
     """Tells of it in sentences if Numba compiles anything within the block. Outside of
-    one a line on stderr says so, once.
+    one a line on stderr says so, once. Of several blocks, which may end in any order,
+    the one begun last is told.
 
     Args:
         tell: is called with one at the first function, and every few seconds from then
             on with how many are compiled.
     """
-    before, _teller.tell, _teller.begun = _teller.tell, tell, 0.0
+    _teller.tellers.append(tell)
+    _teller.begun = 0.0
     try:
         yield
     finally:
-        _teller.tell, _teller.begun = before, 0.0
+        _teller.tellers.remove(tell)
+        _teller.begun = 0.0

@@ -309,6 +309,21 @@ def test_compiling_is_told_with_how_far_it_is(monkeypatch, tmp_path):
     programs.cache_folder.cache_clear()
 
 
+def test_blocks_that_are_told_may_end_in_any_order(monkeypatch, tmp_path):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    programs.cache_folder.cache_clear()
+    first, second = [], []
+    blocks = [compilation.when_compiling(each.append) for each in (first, second)]
+    for block in blocks:
+        block.__enter__()
+    blocks[0].__exit__(None, None, None)
+    compilation.compiled(_once)(1.0)
+    blocks[1].__exit__(None, None, None)
+    compilation.compiled(_twice)(1.0)
+    assert (first, second) == ([], [compilation.COMPILING])
+    programs.cache_folder.cache_clear()
+
+
 def _once(x):
     return x
 

@@ -225,9 +225,11 @@ def connect_controller(
         estimated_state, obstacle_speeds, strict: as of `AddCrarController`.
 
     Raises:
-        ModelError: the robot's actuation is connected already.
+        ModelError: the robot's actuation is connected already, or the model has
+            another time step than the plant.
         ScenarioError: as of `AddCrarController`.
     """
+    _check_time_step(model, plant.time_step(), "that of the plant")
     check_multiple("controller.period", parameters.period, plant.time_step())
     instances = () if model.border is None else model.border.instances
     every = map(ModelInstanceIndex, range(plant.num_model_instances()))
@@ -275,6 +277,14 @@ def connect_controller(
     return controller
 
 
+def _check_time_step(model: ControlModel, needed: float, why: str) -> None:
+    if (given := model.plant.time_step()) != needed:
+        raise ModelError(
+            f"the control model has a time step of {given:g} s; make it with "
+            f"time_step={needed:g}, {why}"
+        )
+
+
 def _picked(
     builder: DiagramBuilder, places: Sequence[int], port: OutputPort
 ) -> OutputPort:
@@ -315,7 +325,8 @@ def AddStandingController(
         strict: whether what is warned of is an error.
 
     Raises:
-        ModelError: the plant's joints are not those of the law or the model.
+        ModelError: the plant's joints are not those of the law or the model, or the
+            model is not continuous.
         ScenarioError: as of `AddCrarController`.
 
     Warns:
@@ -323,6 +334,7 @@ def AddStandingController(
     """
     parameters = parameters or LookaheadParameters()
     parameters.validate()
+    _check_time_step(model, 0.0, "continuous, for a command has no time step")
     check_multiple("controller.period", parameters.period, plant.time_step())
     part = () if model_instance is None else (model_instance,)
     ours, theirs = (

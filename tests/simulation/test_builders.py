@@ -24,6 +24,7 @@ from small_robots import chain_urdf
 from crar_drake import (
     AddCrarController,
     AddRobot,
+    AddStandingController,
     CrarWarning,
     LookaheadParameters,
     MakeControlModel,
@@ -39,6 +40,7 @@ from crar_drake import (
 )
 from crar_drake.resources import data_folder
 from crar_drake.robot.joints import joint_units
+from crar_drake.simulation.builders import connect_controller
 
 TIP = [Task(frame="tip")]
 
@@ -446,6 +448,22 @@ def test_a_period_that_is_not_a_multiple():
     cell.arm()
     with pytest.raises(ScenarioError, match="controller.period: 0.003 s.*0.002 s"):
         cell.control(parameters=LookaheadParameters(period=3e-3))
+
+
+def test_a_model_of_another_time_step():
+    cell, other = with_arm(), Cell(2e-3)
+    cell.plant.Finalize()
+    model = MakeControlModel(cell.plant, cell.scene_graph, TIP)
+    other.arm()
+    other.plant.Finalize()
+    given = other.builder, other.plant
+    with pytest.raises(ModelError, match="0.001 s; make it with time_step=0.002"):
+        connect_controller(*given, model, LookaheadParameters(period=0.01))
+    with pytest.raises(ModelError, match="0.001 s; make it with time_step=0, contin"):
+        AddStandingController(*given, None, model)
+    assert not other.builder.IsConnectedOrExported(
+        other.plant.get_actuation_input_port()
+    )
 
 
 def test_a_period_beyond_what_a_plan_bears():

@@ -88,14 +88,15 @@ class Shared:
 
     def torque_ticks(self, plant_step: float) -> tuple[int, float]:
         """How often the torque of the held accelerations is computed in a control
-        period: every millisecond, or every step of a plant whose steps are longer; of
-        what divides the period, the longest such time that is not longer.
+        period, and the time between two: a millisecond, or a step of a plant whose
+        steps are longer; of what divides the period, the longest time that is not
+        longer.
 
         Args:
             plant_step: time step of the discrete plant [s]; 0 for a continuous one.
 
         Returns:
-            How often, and that time [s].
+            (how often, the time between two [s]).
         """
         longest = max(plant_step, _TORQUE_PERIOD) * (1.0 + 1e-6)
         if not plant_step:
@@ -250,7 +251,8 @@ class PaperParameters(PaperGains, Shared):
         return _BRAKING_TIMES / self.Gv
 
     def speed_limits(self, model: "ControlModel") -> np.ndarray:
-        """(nv,) the robot's, by which a run is judged; as those of the lookahead."""
+        """(nv,) the largest speed of each joint of a robot's plant [rad/s or m/s], by
+        which a run is judged: what `LookaheadParameters()` allow."""
         return LookaheadParameters().speed_limits(model)
 
 

@@ -576,7 +576,8 @@ class Plan:
             ahead: what the plan is made with.
             tasks: gains of the prescribed joints, and the rows' weights.
             limits: (n,), (n,) of the controlled joints [rad or m].
-            efforts: a state to what `plan_step` is to have of motors, if any count.
+            efforts: q, v (nv,), (nv,), controlled joints first, to (k, nv + 2) as
+                `Motors.plan_rows`; None without motors.
             period: [s].
         """
         preview = make_preview(ahead, period)

@@ -84,8 +84,9 @@ class Solution:
             computed for, in the order of the plant's actuators [Nm or N].
         position_command: (nq + nv,) the q and v that the accelerations lead to
             in one control period, see `law.prediction`.
-        status: (1,) STATUS_TRACKING, STATUS_BLENDING, STATUS_BRAKING or
-            STATUS_IMPLAUSIBLE.
+        status: (1,) 0 tracking, 1 blending in, 2 braking without targets, 3 braking
+            since no robot has the measured state: STATUS_TRACKING, STATUS_BLENDING,
+            STATUS_BRAKING, STATUS_IMPLAUSIBLE.
         torque_limit: (2,) how much the step left of the way from braking to the
             nominal accelerations where motors had not the torque for these, else 1; and
             by which share of its limit the worst actuator was beyond it before

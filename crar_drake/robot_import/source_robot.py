@@ -156,7 +156,7 @@ class SourceRobot:
     name: str  # of the robot
     path: Path  # of the file
     links: dict[str, Link]  # by name, in the file's order
-    # by name, in the file's order; the links are one tree (`check_tree`)
+    # by name, in the file's order; the links are one tree
     joints: dict[str, Joint]
     notes: tuple[str, ...] = ()  # what was left out, or read otherwise
     warnings: tuple[str, ...] = ()  # what of it is hardly meant

@@ -7,10 +7,12 @@ case could be run.
 import hashlib
 import json
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict
+from itertools import chain, count
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any
@@ -21,7 +23,8 @@ from rich.table import Column
 
 import crar_drake
 from crar_drake.commands.output import continuing
-from crar_drake.files import sole_writer, write_whole
+from crar_drake.errors import CrarError
+from crar_drake.files import check_file, sole_writer, write_whole
 
 Result = Any  # of a benchmark, see the module
 
@@ -53,7 +56,9 @@ def run_cases(
     Args:
         run: makes the result of a case, in another process if there is a pool.
         cases: what to run.
-        path: of the file, JSON; results that say another `made_of` do not count.
+        path: of the file, JSON; results that say another `made_of` do not count: their
+            file is renamed to end in .old.json (.old2.json, where that is taken), and
+            a line on stderr says so.
         pool: its processes; None: this process, one case after the other.
         made_of: what results depend on beside their cases, see `source_digest`.
         parse: makes a result of its fields, as `dataclasses.asdict` has them.
@@ -65,37 +70,53 @@ def run_cases(
         The results of all cases, in their order.
 
     Raises:
-        CrarError: another process writes to the file.
+        CrarError: the file holds something else; or another process writes to it.
         WriteError: it cannot be written.
     """
     wanted = list(dict.fromkeys(cases))
+    check_file(path)
     with continuing(path), sole_writer(path):
-        kept = {r.case: r for r in read_results(path, made_of, parse) if is_whole(r)}
+        kept = {r.case: r for r in _kept(path, made_of, parse) if is_whole(r)}
         waiting = [case for case in wanted if case not in kept]
         with pool as executor, _bar(len(wanted), len(waiting)) as show:
             for case, make in _begun(run, waiting, executor):
                 try:
                     result = make()
                 except Exception as error:  # a crash is a finding, and ends no run
-                    result = failed(case, _in_a_line(error))
+                    result = failed(case, in_a_line(error))
                 kept[case] = result
                 write_results(path, made_of, kept.values())
                 show(headline(result))
     return [kept[case] for case in wanted]
 
 
-def read_results(
-    path: Path, made_of: str, parse: Callable[[dict], Result]
-) -> list[Result]:
-    """Those that a file has, made of the same; without cases that failed."""
-    if not path.is_file():
+def _kept(path: Path, made_of: str, parse: Callable[[dict], Result]) -> list[Result]:
+    """The results that a file has, without cases that failed; made of something else,
+    the file makes way.
+
+    Raises:
+        CrarError: it holds something else.
+    """
+    if not path.exists():
         return []
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
-        results = [parse(each) for each in kept["results"]]
-        return [r for r in results if kept["made_of"] == made_of and not r.error]
-    except (ValueError, KeyError, TypeError):  # of another version
-        return []
+        same, results = kept["made_of"] == made_of, list(kept["results"])
+        if same:
+            return [r for r in map(parse, results) if not r.error]
+    except (ValueError, KeyError, TypeError) as error:
+        raise CrarError(
+            f"{path} is not a file of results; give another --out"
+        ) from error
+    names = (path.with_suffix(f".old{n}.json") for n in chain([""], count(2)))
+    old = next(name for name in names if not name.exists())
+    path.rename(old)
+    print(
+        f"{path}: its results are of other settings or another source; they are now "
+        f"in {old}",
+        file=sys.stderr,
+    )
+    return []
 
 
 def write_results(path: Path, made_of: str, results: Iterable[Result]) -> None:
@@ -134,7 +155,8 @@ def _begun(run: Callable, cases: Sequence, executor: Executor | None) -> Iterato
     yield from ((futures[each], each.result) for each in as_completed(futures))
 
 
-def _in_a_line(error: Exception) -> str:
+def in_a_line(error: Exception) -> str:
+    """What a result's `error` says of an exception."""
     known = isinstance(error, crar_drake.CrarError)
     text = f"{error}" if known else f"{type(error).__name__}: {error}"
     return " ".join(text.split())

@@ -11,6 +11,7 @@ from benchmarks.adversary.drive import Drive, drive_exact, drive_torque
 from benchmarks.adversary.judge import Verdict
 from benchmarks.adversary.policies import drive_filter
 from benchmarks.adversary.robots import Subject, load_subject
+from benchmarks.kept_cases import in_a_line
 from crar_drake.errors import ScenarioError
 from crar_drake.law.parameters import (
     LookaheadParameters,
@@ -26,8 +27,22 @@ KEPT = 4  # lineages that the search goes on with
 
 
 def run_case(case: Case) -> Result:
-    """Attacks."""
+    """Plays and judges episodes until the case has its steps.
+
+    Returns:
+        What was found. Where an episode cannot be run, `error` says why, and what was
+        found until then stays.
+    """
     result = Result(case=case)
+    try:
+        _attack(case, result)
+    except Exception as error:  # a counterexample counts, whatever comes after it
+        result.error = in_a_line(error)
+    return result
+
+
+def _attack(case: Case, result: Result) -> None:
+    """Adds what each episode of a case comes to."""
     num_steps = episode_steps(case)
     rng = np.random.default_rng(_seed_of(case))
     # Nastiest first: smallest distance, and the lineage of the episode that had it.
@@ -67,7 +82,6 @@ def run_case(case: Case) -> Result:
                 "overspeed": verdict.overspeed,
                 "diverged": done.diverged,
             }
-    return result
 
 
 def play_and_judge(

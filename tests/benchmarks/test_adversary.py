@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from benchmarks.adversary import __main__ as command
+from benchmarks.adversary import __main__ as command, run as running
 from benchmarks.adversary.attacks import ATTACKS, make_episode
 from benchmarks.adversary.cases import (
     Case,
@@ -309,6 +309,22 @@ def test_command_writes_resumes_and_replays(tmp_path, monkeypatch, capsys):
     told = " ".join(capsys.readouterr().out.split())
     if saved["step"] is not None:
         assert f"at state {saved['step']}" in told
+
+
+def test_what_was_found_stays_where_a_later_episode_fails(monkeypatch):
+    played = []
+
+    def once(*given):
+        if played:
+            raise RuntimeError("no\nmore")
+        played.append(given)
+        return play_and_judge(*given)
+
+    monkeypatch.setattr(running, "play_and_judge", once)
+    case = Case("upper_body", "squeeze", 0.01, constraints="none", steps=600)
+    result = run_case(case)
+    assert result.violated == 1 and result.worst is not None
+    assert result.error == "RuntimeError: no more"
 
 
 def test_distances_of_a_convex_piece_are_those_of_a_box_and_of_the_law():

@@ -8,6 +8,7 @@ from functools import partial
 import pytest
 
 from benchmarks.kept_cases import run_cases, source_digest
+from crar_drake.errors import CrarError, WriteError
 
 
 @dataclass(frozen=True)
@@ -57,12 +58,32 @@ def test_what_is_finished_is_kept(run, tmp_path):
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[:1] + lines[2:]))  # a result is lost
     assert run(cases)[0] == cases[:1]
-    path.write_text("name,age\nx,3\n")
-    assert len(run(cases)[0]) == 3
 
 
-def test_what_is_of_something_else_is_run_again(run):
+@pytest.mark.parametrize("text", ["name,age\nx,3\n", '{"made_of": "a"}', "[]", ""])
+def test_what_are_no_results_stays(run, tmp_path, text):
+    path = tmp_path / "it" / "kept.json"
+    path.parent.mkdir()
+    path.write_text(text)
+    with pytest.raises(CrarError, match="not a file of results; give another --out"):
+        run([1.0])
+    assert path.read_text() == text
+
+
+def test_a_folder_is_refused_before_a_case_is_run(run, tmp_path):
+    (tmp_path / "it" / "kept.json").mkdir(parents=True)
+    with pytest.raises(WriteError, match="this is a folder"):
+        run([1.0])
+
+
+def test_what_is_of_something_else_is_run_again_and_kept_aside(run, tmp_path, capsys):
     run([1.0, 2.0])
+    kept = (tmp_path / "it" / "kept.json").read_text()
+    assert run([1.0, 2.0], made_of="b")[0] == [1.0, 2.0]
+    old = tmp_path / "it" / "kept.old.json"
+    assert old.read_text() == kept and f"now in {old}" in capsys.readouterr().err
+    assert run([1.0], made_of="c")[0] == [1.0] and old.read_text() == kept
+    assert '"made_of": "b"' in old.with_name("kept.old2.json").read_text()
     assert run([1.0, 2.0], made_of="b")[0] == [1.0, 2.0]
     whole = partial(lambda result: result.case == 1.0)
     assert run([1.0, 2.0], made_of="b", is_whole=whole)[0] == [2.0]

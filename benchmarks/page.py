@@ -31,6 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake import __version__
+from crar_drake.commands.output import exit_code
 from crar_drake.errors import CrarError
 from crar_drake.files import write_whole
 
@@ -160,16 +161,8 @@ class Benchmark:
 
 
 def run(main: Callable[[], int | None]) -> None:
-    """Runs a command, and ends with its exit code; 2 and a message if it cannot, 130 if
-    it is interrupted."""
-    try:
-        code = main()
-    except CrarError as error:
-        print(f"error: {error}", file=sys.stderr)
-        code = 2
-    except KeyboardInterrupt:
-        code = 130
-    sys.exit(code)
+    """Runs a command, and ends with its `exit_code`."""
+    sys.exit(exit_code(main))
 
 
 def command_line(module: str, given: Sequence[str], page: str) -> str:

@@ -22,10 +22,9 @@ from crar_drake.commands import (
     show,
 )
 from crar_drake.commands.options import Parser
-from crar_drake.commands.output import drop_output, lasting_output, tell_failure
+from crar_drake.commands.output import exit_code
 from crar_drake.drake_warnings import collected_warnings
-from crar_drake.errors import CrarError, nearest
-from crar_drake.interrupts import all_as_ctrl_c
+from crar_drake.errors import nearest
 from crar_drake.version import __version__
 
 # In the order of the help.
@@ -72,17 +71,13 @@ def answer(parser: Parser, argv: Sequence[str] | None = None) -> int:
     """
     # Nothing here opens a window. A backend that is not there would fail importing.
     os.environ["MPLBACKEND"] = "agg"
-    with lasting_output():
-        try:
-            arguments = parse(parser, argv)
-            with all_as_ctrl_c(), collected_warnings(verbose=arguments.verbose):
-                code = arguments.command(arguments) or 0
-            sys.stdout.flush()
-        except (CrarError, KeyboardInterrupt, OSError) as error:
-            code = tell_failure(error)
-            if isinstance(error, OSError):  # a full disk, a file that may not be read
-                drop_output(sys.stdout)
-    return code
+
+    def do() -> int | None:
+        arguments = parse(parser, argv)
+        with collected_warnings(verbose=arguments.verbose):
+            return arguments.command(arguments)
+
+    return exit_code(do)
 
 
 def parse(parser: Parser, argv: Sequence[str] | None) -> argparse.Namespace:

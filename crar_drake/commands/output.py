@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from crar_drake.errors import CrarError, plural, printable
+from crar_drake.interrupts import all_as_ctrl_c
 
 if TYPE_CHECKING:
     from crar_drake.run import RunResult
@@ -76,6 +77,25 @@ def final_line(
     ]
     print(f"{line}; guessed: {', '.join(heads)}" if heads else line, flush=True)
     return int(bool(violated))
+
+
+def exit_code(do: Callable[[], int | None]) -> int:
+    """Does what a command does; failures become messages on stderr.
+
+    Returns:
+        The exit code: what is returned, None is 0; 2 if something the user gave is
+        wrong, or the system refuses; 130 if it is asked to end.
+    """
+    with lasting_output():
+        try:
+            with all_as_ctrl_c():
+                code = do() or 0
+            sys.stdout.flush()
+        except (CrarError, KeyboardInterrupt, OSError) as error:
+            code = tell_failure(error)
+            if isinstance(error, OSError):  # a full disk, a file that may not be read
+                drop_output(sys.stdout)
+    return code
 
 
 def tell_failure(error: BaseException) -> int:

@@ -317,36 +317,42 @@ def changed_scenario(scenario: Scenario, arguments: argparse.Namespace) -> Scena
             setattr(scenario, name, None if name == "frame_rate" else "")
     if arguments.robot is not None:
         scenario.robot = arguments.robot
-    for setting in arguments.set:
-        scenario = _with_setting(scenario, setting)
-    return scenario
+    return _with_settings(scenario, arguments.set) if arguments.set else scenario
 
 
-def _with_setting(scenario: Scenario, setting: str) -> Scenario:
-    """The scenario with one of its keys set, as in controller.margin=0.01."""
+def _with_settings(scenario: Scenario, settings: list[str]) -> Scenario:
+    """The scenario with some of its keys set, as in controller.margin=0.01; together,
+    since one may need another. Of one key the last counts."""
     import yaml
     from pydrake.common.yaml import yaml_dump, yaml_load_data
 
     from crar_drake.law.parameters import CONSTRAINTS, with_constraints
     from crar_drake.simulation.scenario import parse_scenario
 
-    key, equals, text = setting.partition("=")
-    if not (key and equals):
-        raise UsageError(f"--set {setting}: write KEY=VALUE, as in duration=2")
-    if key == "controller.constraints" and text in CONSTRAINTS:
-        scenario.controller = with_constraints(scenario.controller, text)
-        return scenario
-    *way, last = key.split(".")
+    values = {}
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not (key and equals):
+            raise UsageError(f"--set {setting}: write KEY=VALUE, as in duration=2")
+        values[key] = text
+    constraints = values.get("controller.constraints")
+    if constraints in CONSTRAINTS:  # which choose the keys of the others
+        del values["controller.constraints"]
+        scenario.controller = with_constraints(scenario.controller, constraints)
+    whole = yaml_load_data(scenario.to_yaml())
+    for key, text in values.items():
+        *way, last = key.split(".")
+        try:
+            holder = whole
+            for name in way:
+                holder[name] = holder.get(name) or {}
+                holder = holder[name]
+            holder[last] = yaml.safe_load(text)
+        except (yaml.YAMLError, AttributeError, TypeError) as error:  # no keys in text
+            raise ScenarioError(
+                f"--set {key}={text}: no such key, or no value"
+            ) from error
     try:
-        whole = yaml_load_data(scenario.to_yaml())
-        holder = whole
-        for name in way:
-            holder[name] = holder.get(name) or {}
-            holder = holder[name]
-        holder[last] = yaml.safe_load(text)
-    except (yaml.YAMLError, AttributeError, TypeError) as error:  # a text has no keys
-        raise ScenarioError(f"--set {setting}: no such key, or no value") from error
-    try:
-        return parse_scenario(yaml_dump(whole), f"--set {setting}")
+        return parse_scenario(yaml_dump(whole), f"--set {' --set '.join(settings)}")
     except ScenarioError as error:  # whose lines are of no file
         raise ScenarioError(re.sub(r" \(line \d+\)", "", str(error))) from error

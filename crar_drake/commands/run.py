@@ -146,12 +146,15 @@ def _out_name(arguments: argparse.Namespace) -> Path:
     from crar_drake.results.summary import robot_name
 
     files = [label(each) for each in (arguments.scenario, arguments.motion) if each]
-    settings = [setting.partition("=")[2] for setting in arguments.set]
+    settings = [setting.partition("=") for setting in arguments.set]
     parts = [
         *(each.name for each in files),
         robot_name(arguments.robot or ""),
         arguments.tasks,
-        *(re.sub(r"[^\w.-]+", "_", each)[:20] for each in settings),
+        *(
+            re.sub(r"[^\w.-]+", "_", f"{key.removeprefix('controller.')}-{value[:20]}")
+            for key, _, value in settings
+        ),
     ]
     name = "_".join(filter(None, parts))
     return Path(*(each.parent for each in files)) / name

@@ -121,7 +121,9 @@ class Scenario:
             [m].
         log_period: of log.npz [s]; by default the control period, or of runs with
             more than MAX_LOG_SAMPLES steps the multiple of it that keeps to them.
-        plant_config, simulator_config, visualization: Drake's own.
+        plant_config, simulator_config: Drake's own.
+        visualization: Drake's own, of which `publish_period` [s] (between frames of the
+            recording) and `default_illustration_color` count.
     """
 
     description: str = ""

@@ -18,7 +18,7 @@ from small_urdfs import humanoid, humanoid_with_legs
 
 import crar_drake.run
 from crar_drake.commands import main, make_parser, options, parse
-from crar_drake.errors import ScenarioError
+from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.resources import data_folder
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import load_robot_description
@@ -50,13 +50,36 @@ def test_options_override_the_scenario(empty_folder, capsys):
     argv += "--set plant_config.time_step=0.0005 --no-page"
     assert main(argv.split()) == 0
     # Without --out the folder says what was run.
-    out = empty_folder / "out/diagrams/paper_reaching_wrists_velocity_none_0.0005"
+    name = "paper_reaching_wrists_level-velocity_constraints-none_"
+    out = empty_folder / "out/diagrams" / f"{name}plant_config.time_step-0.0005"
     assert names(out) == FILES
     scenario = parse_scenario(SimulationLog.load(out / "log.npz").scenario)
     assert (scenario.motion, scenario.experiment) == ("reaching", "wrists")
     assert scenario.controller.level == "velocity"
     assert scenario.controller.constraints == "none"
     assert (scenario.duration, scenario.plant_config.time_step) == (0.01, 5e-4)
+
+
+def test_settings_are_taken_together_in_any_order(monkeypatch):
+    settings = [
+        "controller.constraints=paper",
+        "controller.level=velocity",
+        "plant_config.time_step=0.003",  # of which the period has to be a multiple
+        "controller.period=0.006",
+    ]
+    taken = []
+
+    def keep(scenario, *_, **__):
+        taken.append(scenario)
+        raise CrarError("not simulated")
+
+    monkeypatch.setattr(crar_drake.run, "run_scenario", keep)
+    for each in (settings, settings[::-1]):
+        assert main(["run", *(word for s in each for word in ("--set", s))]) == 2
+    assert taken[0].to_yaml() == taken[1].to_yaml()
+    controller = taken[0].controller
+    assert (controller.constraints, controller.level) == ("paper", "velocity")
+    assert (controller.period, taken[0].plant_config.time_step) == (0.006, 0.003)
 
 
 def test_run_follows_a_motion_and_a_skeleton_by_path(cmu, empty_folder, capsys):
@@ -94,11 +117,22 @@ def where(monkeypatch):
     [
         ("run", "out/dance"),
         ("run diagrams/paper.yaml", "out/diagrams/paper"),
-        ("run dance_wrists --set controller.constraints=none", "out/dance_wrists_none"),
+        (
+            "run dance_wrists --set controller.constraints=none",
+            "out/dance_wrists_constraints-none",
+        ),
+        (
+            "run --set controller.effort_limits=true",
+            "out/dance_effort_limits-true",
+        ),
+        (
+            "run --set simulated_robot.effort_limits=true",
+            "out/dance_simulated_robot.effort_limits-true",
+        ),
         ("run --motion cmu:05_02 --tasks wrists", "out/dance_05_02_wrists"),
         ("run --motion ./a/../b/walk.amc", "out/b/dance_walk"),
         ("run a/mine.yaml --robot upper_body", "out/a/mine_upper_body"),
-        ("run mine.yaml --set controller.period=5e-3", "out/mine_5e-3"),
+        ("run mine.yaml --set controller.period=5e-3", "out/mine_period-5e-3"),
     ],
 )
 def test_the_folder_says_what_was_run(command, folder, where, empty_folder):

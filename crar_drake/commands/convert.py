@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.commands.options import (
+    UsageError,
     add_command,
     add_frame_rate,
     add_reference_options,
@@ -50,7 +51,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="frames per second of OUT, along splines (default: those of IN)",
     )
     add_frame_rate(parser)
-    add_reference_options(parser)
+    add_reference_options(parser, "; or of a log's, if it is not where it was")
     parser.add_argument("--clip", metavar="NAME", help="of a file with several motions")
 
 
@@ -69,14 +70,15 @@ def run(arguments: argparse.Namespace) -> None:
     from crar_drake.results.log import is_log
 
     check_file(arguments.out)
-    robot = reference_robot(arguments)
-    options = dict(layout=arguments.layout, rate=arguments.frame_rate, robot=robot)
     if is_log(arguments.motion):
         motions, robot = _of_log(arguments)
-    elif arguments.clip is not None:
-        motions = (read_motion(arguments.motion, clip=arguments.clip, **options),)
     else:
-        motions = read_motions(arguments.motion, **options)
+        robot = reference_robot(arguments)
+        options = dict(layout=arguments.layout, rate=arguments.frame_rate, robot=robot)
+        if arguments.clip is not None:
+            motions = (read_motion(arguments.motion, clip=arguments.clip, **options),)
+        else:
+            motions = read_motions(arguments.motion, **options)
     possible = layouts_of(arguments.out)
     to = arguments.to
     if to is None:
@@ -122,12 +124,22 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _of_log(arguments: argparse.Namespace) -> tuple[tuple[RobotMotion], WholeBody]:
-    """The motion of a run from its log, and the robot."""
+    """The motion of a run from its log, and the robot.
+
+    Raises:
+        UsageError: an option is given that says nothing of a log.
+    """
     from crar_drake.references.whole_body import WholeBody
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.logged_motion import motion_of_log
     from crar_drake.results.logged_robot import load_logged_robot, load_logged_scenario
 
+    for name in ("layout", "clip", "frame_rate"):
+        if getattr(arguments, name) is not None:
+            raise UsageError(
+                f"{arguments.motion}: --{name.replace('_', '-')} is of a file of "
+                "motions, not of a log"
+            )
     log = SimulationLog.load(arguments.motion)
     robot = WholeBody(load_logged_robot(log, arguments.robot or ""))
     start = load_logged_scenario(log).controller.blend_time

@@ -93,10 +93,13 @@ def run(arguments: argparse.Namespace) -> None:
 
         _refuse_others(arguments, "what is at hand")
         print_what_is_at_hand()
-    elif len(files) == 1 and (log := _log_of(files[0])) is None:
+        return
+    logs = [_log_of(each) for each in files]
+    if logs == [None]:
         _show_motion(arguments, files[0])
     else:
-        _make_page(arguments, [log] if len(files) == 1 else list(map(Path, files)))
+        named = zip(logs, files, strict=True)
+        _make_page(arguments, [log or Path(file) for log, file in named])
 
 
 def _refuse_others(arguments: argparse.Namespace, what: str) -> None:
@@ -183,11 +186,9 @@ def _make_page(arguments: argparse.Namespace, paths: list[Path]) -> None:
     """The page of one run or of several, or of several motions of a robot."""
     from crar_drake.files import check_file
     from crar_drake.motion.robots_own import holds_reference
-    from crar_drake.results import LOG
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.playback import record_logs
 
-    paths = [path / LOG if path.is_dir() else path for path in paths]
     single = len(paths) == 1
     references = [] if single else [path for path in paths if holds_reference(path)]
     people = [path for path in paths if path not in references] if references else []

@@ -84,6 +84,11 @@ def test_a_log_is_converted(tmp_path, monkeypatch, capsys):
     found = read_motion("motion.csv", rate=50.0, robot=robot)
     _, _, joints = robot.of_configurations(log.q[500::20][:10])
     np.testing.assert_allclose(found.joint_positions, joints, atol=1e-5)
+    # What says something of files of motions alone.
+    for option in ("--layout named-csv", "--clip x", "--frame-rate 30"):
+        assert main(f"{command} {option}".split()) == 2
+        name = option.split()[0]
+        assert f"it/log.npz: {name} is of a file of motions" in capsys.readouterr().err
 
 
 def test_what_is_refused(robot):

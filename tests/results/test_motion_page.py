@@ -333,9 +333,11 @@ def test_names_are_text(made, tmp_path):
     assert "<title>&lt;script&gt;alert(1)&lt;.csv</title>" in text
 
 
-def test_a_person_is_shown_beside_the_motion(made, tmp_path):
+def test_a_person_is_shown_beside_the_motion(made, tmp_path, monkeypatch):
     """Bones are between the person's joints, as large as the robot's root is high."""
     folder, reference, _, _ = made
+    (tmp_path / "dance").mkdir()  # which is no log for that
+    monkeypatch.chdir(tmp_path)
     page = tmp_path / "beside.html"
     main(["show", "dance", str(reference), "--robot", str(folder), "--out", str(page)])
     data = read_data(page)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from crar_drake.commands.folders import (
     frames_bar,
     progress_bar,
+    tell_files,
     violations,
     work_on,
     written_lines,
@@ -183,9 +184,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.jobs is not None:
         raise UsageError("--jobs is for folders")
     from crar_drake.files import check_file
-    from crar_drake.references.certificate_files import certificate_path
     from crar_drake.references.clean_file import clean_file
-    from crar_drake.references.contacts import contacts_path
 
     out = arguments.out or OUT / "clean" / label(reference).with_suffix(
         reference.suffix
@@ -204,10 +203,7 @@ def run(arguments: argparse.Namespace) -> int:
     for clip in clips:
         for line in (*_clip_lines(clip), *written_lines(clip)):
             print(line)
-    print(out)
-    print(certificate_path(out), flush=True)
-    if contacts_path(out).exists():
-        print(contacts_path(out), flush=True)
+    tell_files(out)
     if not arguments.no_page:
         _write_page(arguments, out, page, clips)
         print(page)

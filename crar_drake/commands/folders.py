@@ -168,3 +168,14 @@ def progress_bar():
         transient=True,
         disable=not console.is_terminal,
     )
+
+
+def tell_files(out: Path) -> None:
+    """Prints where a motion was written, its certificate, and labels beside it."""
+    from crar_drake.references.certificate_files import certificate_path
+    from crar_drake.references.contacts import contacts_path
+
+    print(out)
+    print(certificate_path(out), flush=True)
+    if contacts_path(out).is_file():
+        print(contacts_path(out), flush=True)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from crar_drake.commands.clean import changes
 from crar_drake.commands.folders import (
     frames_bar,
+    tell_files,
     violations,
     work_on,
     written_lines,
@@ -113,8 +114,6 @@ def run(arguments: argparse.Namespace) -> int:
         return work_on(work, folder, out, arguments.jobs, _summary)
     if arguments.jobs is not None:
         raise UsageError("--jobs is for folders")
-    from crar_drake.references.certificate_files import certificate_path
-    from crar_drake.references.contacts import contacts_path
     from crar_drake.references.retarget_file import retarget_file
 
     name = f"{label(arguments.motion)}.csv"
@@ -125,10 +124,7 @@ def run(arguments: argparse.Namespace) -> int:
         clip = retarget_file(arguments.motion, out, progress=progress, **options)
     for line in (*_lines(clip), *(written_lines(clip) if arguments.verbose else ())):
         print(line)
-    print(out)
-    print(certificate_path(out))
-    if contacts_path(out).exists():
-        print(contacts_path(out))
+    tell_files(out)
     return final_line(violations([clip]))
 
 

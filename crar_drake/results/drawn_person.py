@@ -42,16 +42,13 @@ class DrawnPerson:
         times = np.arange(0.0, person.duration + 1e-9, 1.0 / rate)
         frames = np.round(times * person.frame_rate).astype(int)
         frames = np.minimum(frames, person.num_frames - 1)
-        ends = [
-            (scale * places[parent][frames] + start, scale * places[joint][frames])
-            for joint, parent in PARENTS.items()
-            if joint in places and parent in places
-        ]
+        at = {name: scale * p[frames] + start for name, p in places.items()}
+        bones = [(a, b) for b, a in PARENTS.items() if {a, b} <= set(at)]
         # (F, B, 3) where bones begin, and where they lead from there.
-        self._from = np.stack([a for a, _ in ends], axis=1)
-        self._along = np.stack([b for _, b in ends], axis=1) + start - self._from
+        self._from = np.stack([at[a] for a, _ in bones], axis=1)
+        self._along = np.stack([at[b] - at[a] for a, b in bones], axis=1)
         self.prefix, self.spheres = prefix, ()
-        self.paths = [f"{prefix}/bone {i}" for i in range(len(ends))]
+        self.paths = [f"{prefix}/bone {i}" for i in range(len(bones))]
         lengths = np.median(np.linalg.norm(self._along, axis=2), axis=0)
         for path, length in zip(self.paths, lengths, strict=True):
             bone = Capsule(_THICK * float(np.median(root[:, 2])), max(length, 1e-3))

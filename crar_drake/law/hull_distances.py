@@ -183,18 +183,20 @@ def to_nearest(
 
 @compiled
 def nearest_apart(
-    a: np.ndarray, b: np.ndarray, shift: np.ndarray
+    a: np.ndarray, b: np.ndarray, shift: np.ndarray, i: int, j: int, close: float
 ) -> tuple[bool, float, np.ndarray, np.ndarray]:
     """Where the hulls of two sets of points are nearest, the first one moved.
 
     Args:
         a, b: (V, 3), (V', 3) points [m].
         shift: (3,) by which a is moved [m].
+        i, j: points of a and b to begin with.
+        close: a bound is sought until it is this share of the distance.
 
     Returns:
-        Whether they are apart. If so: a bound of their distance from below, to within
-        1e-12 of it, or NaN if there is one among the points [m]; (3,) the unit normal
-        from b towards a; (3,) where a is nearest, moved [m].
+        Whether they are apart. If so: a bound of their distance from below, as close,
+        or to within 1e-12 of it, or NaN if there is one among the points [m]; (3,) the
+        unit normal from b towards a; (3,) where a is nearest, moved [m].
     """
     # The simplex: corners of the difference, and of which points they are.
     w, of = np.zeros((4, 3)), np.zeros((4, 2), dtype=np.int64)
@@ -203,8 +205,9 @@ def nearest_apart(
     count, size, gap, apart = 1, np.inf, np.nan, True
     v, n, x = np.empty(3), np.zeros(3), np.zeros(3)
     for c in range(3):
-        w[0, c] = a[0, c] + shift[c] - b[0, c]
+        w[0, c] = a[i, c] + shift[c] - b[j, c]
         v[c] = w[0, c]
+    of[0, 0], of[0, 1] = i, j
     for _ in range(_MOST):
         length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
         if length < _TOUCHING:
@@ -222,7 +225,7 @@ def nearest_apart(
         for c in range(3):
             w[count, c] = a[i, c] + shift[c] - b[j, c]
             gap += n[c] * w[count, c]
-        if size - gap <= _ENOUGH:
+        if size - gap <= _ENOUGH or gap > close * size:
             break
         of[count, 0], of[count, 1] = i, j
         apart, count = to_nearest(w, of, count + 1, share, v)
@@ -297,7 +300,7 @@ def hull_distance(
     """
     a = corners_of(at, start_a, hull_a, to_vector, hulls)
     b = corners_of(at, start_b, hull_b, to_vector, hulls)
-    apart, d, n, x = nearest_apart(a, b, np.zeros(3))
+    apart, d, n, x = nearest_apart(a, b, np.zeros(3), 0, 0, 1.0)
     if apart:
         return d, n, x
     d = -np.inf
@@ -314,5 +317,5 @@ def hull_distance(
         for f in edges_b:
             d = _gap_across(a, b, e, f, d, n)
     shift = (_PARTED - d) * n
-    _, _, _, x = nearest_apart(a, b, shift)
+    _, _, _, x = nearest_apart(a, b, shift, 0, 0, 1.0)
     return d, n, x - shift

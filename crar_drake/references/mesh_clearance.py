@@ -46,7 +46,7 @@ are off by less than a thousandth of that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -61,7 +61,7 @@ from crar_drake.references.mesh_pairs import (
     MeshPairs,
     relative_poses,
 )
-from crar_drake.references.surfaces import Surface
+from crar_drake.references.surfaces import HullsOfPairs, Surface
 from crar_drake.references.whole_body import WholeBody
 
 # A bound is sought until it is this share of the distance, or so much [m]: of hulls,
@@ -70,7 +70,7 @@ _OF_HULLS, _OF_TRIANGLES = (0.5, 5e-3), (0.1, 1e-3)
 
 # Where hulls are farther apart than this, the triangles are not asked [m]; triangles
 # that are farther apart are not told from each other.
-_HULLS_ENOUGH, _CAP = 3e-4, 2e-3
+_HULLS_ENOUGH, _CAP = 3e-4, 1.2e-3
 
 # Parts of a way on which two links come nearer by less are not halved [m].
 _FINEST = 1e-4
@@ -236,7 +236,7 @@ class ClearanceOfMeshes:
         motion = _Motion(self.meshes, q)
         pairs = [(links[i], links[j]) for i, j in rows]
         low = motion.balls_apart(links, links)[rows[:, 0], rows[:, 1]]
-        hulls = _Search(motion, pairs, _hulls_apart, low)
+        hulls = _Search(motion, pairs, low)
         at, on, _, _ = hulls.bounds(*_OF_HULLS, _HULLS_ENOUGH)
         parted = at > 0.0
         enough = _OF_TRIANGLES[1]
@@ -250,7 +250,7 @@ class ClearanceOfMeshes:
             far &= (np.maximum(ways, on[row]) >= enough).all(axis=2)
             pieces = [(of_a[i], of_b[j]) for i, j in np.argwhere(~far)]
             every = np.tile(on[row], (len(pieces), 1))
-            search = _Search(motion, pieces, _triangles_apart, low[~far], every)
+            search = _Search(motion, pieces, low[~far], every)
             found = search.bounds(*_OF_TRIANGLES, _FINEST)
             touch_at[row], touch_on[row] = (x.any(axis=0) for x in found[2:])
             for bounds, each in ((at, found[0]), (on, found[1])):
@@ -349,6 +349,20 @@ def swept(
     return found
 
 
+@compiled
+def _balls_apart(a, radii_a, b, radii_b):
+    """(A, B, T) how far balls about a (A, T, 3) and b (B, T, 3) are apart [m]."""
+    found = np.empty((len(a), len(b), a.shape[1]))
+    for i in range(len(a)):
+        for j in range(len(b)):
+            radii = radii_a[i] + radii_b[j] + 1e-9  # that doubles are off by
+            for k in range(a.shape[1]):
+                x, y = a[i, k, 0] - b[j, k, 0], a[i, k, 1] - b[j, k, 1]
+                z = a[i, k, 2] - b[j, k, 2]
+                found[i, j, k] = np.sqrt(x * x + y * y + z * z) - radii
+    return found
+
+
 def _nothing(pairs: list[tuple[str, str]], frames: int) -> MeshClearance:
     """Of a motion before it is looked at."""
     at, on = np.zeros((0, frames)), np.zeros((0, frames - 1))
@@ -399,18 +413,15 @@ class _Motion:
         self, some: Sequence[Surface], others: Sequence[Surface]
     ) -> np.ndarray:
         """(A, B, T) how far the balls about surfaces and about others are apart [m]."""
-        (a, radii_a), (b, radii_b) = self._balls(some), self._balls(others)
-        square = np.sum(a * a, axis=2)[:, :, None] + np.sum(b * b, axis=2)[:, None]
-        square -= 2.0 * a @ b.swapaxes(1, 2)
-        apart = np.sqrt(np.maximum(square, 0.0)) - radii_a[:, None] - radii_b
-        return np.moveaxis(apart, 0, 2) - 1e-9  # that doubles are off by
+        return _balls_apart(*self._balls(some), *self._balls(others))
 
     def _balls(self, surfaces: Sequence[Surface]) -> tuple[np.ndarray, np.ndarray]:
-        """Their centres (T, A, 3) and radii (A,) [m]."""
+        """Their centres (A, T, 3) and radii (A,) [m]."""
         frames = np.array([x.frame for x in surfaces], dtype=int)
         centres = np.array([x.centre for x in surfaces]).reshape(-1, 3, 1)
         placed = self._p[:, frames] + (self._R[:, frames] @ centres)[..., 0]
-        return placed, np.array([x.radius for x in surfaces])
+        radii = np.array([x.radius for x in surfaces])
+        return np.ascontiguousarray(placed.swapaxes(0, 1)), radii
 
     def placed(self, a, b, frame, part) -> tuple[np.ndarray, np.ndarray]:
         """R_AB (M, 3, 3) and p_AB (M, 3) [m].
@@ -430,20 +441,6 @@ class _Motion:
         return R_AW @ R[at, b], (R_AW @ (p[at, b] - p[at, a])[..., None])[..., 0]
 
 
-def _hulls_apart(a: Surface, b: Surface, R: np.ndarray, p: np.ndarray) -> float:
-    """How far hulls are apart at least [m]."""
-    return max(0.0, a.hull_distance(b, R, p) - ROUNDING)
-
-
-def _triangles_apart(a: Surface, b: Surface, R: np.ndarray, p: np.ndarray) -> float:
-    """How far triangles are apart at least, 0 where they touch; of what is far, enough
-    [m]."""
-    d = a.hull_distance(b, R, p)
-    if d < _HULLS_ENOUGH:
-        d = a.distance(b, R, p, _CAP)
-    return max(0.0, d - ROUNDING)
-
-
 class _Search:
     """Of one motion: what is known of the distances of P pairs of surfaces so far."""
 
@@ -451,7 +448,6 @@ class _Search:
         self,
         motion: _Motion,
         pairs: Sequence[Pair],
-        measure: Callable[..., float],
         low: np.ndarray,
         on: np.ndarray | None = None,
     ) -> None:
@@ -459,11 +455,11 @@ class _Search:
         Args:
             motion: it.
             pairs: of surfaces A and B.
-            measure: says how far they are apart, of R_AB and p_AB.
             low, on: (P, T) and (P, T - 1) no distance at a frame, or on the way to the
-                next, is smaller [m].
+                next, is smaller [m]; without `on` only hulls are asked.
         """
-        self._motion, self._pairs, self._distance = motion, pairs, measure
+        self._motion, self._pairs, self._hulls = motion, pairs, HullsOfPairs(pairs)
+        self._of_triangles = on is not None
         self._frames = np.array([[x.frame for x in pair] for pair in pairs], dtype=int)
         self._frames = self._frames.reshape(-1, 2)
         self.steps = motion.advance(pairs)
@@ -540,10 +536,13 @@ class _Search:
         for start in range(0, len(pair), _BLOCK):
             some = slice(start, start + _BLOCK)
             at = frame[some], part[some]
-            X = self._motion.placed(*self._frames[pair[some]].T, *at)
-            for k, R, p in zip(range(start, len(pair)), *X, strict=False):
-                d[k] = self._distance(*self._pairs[pair[k]], R, p)
-        return d
+            R, p = self._motion.placed(*self._frames[pair[some]].T, *at)
+            d[some] = self._hulls.apart(pair[some], R, p)
+            if self._of_triangles:
+                for k in np.flatnonzero(d[some] < _HULLS_ENOUGH):
+                    a, b = self._pairs[pair[start + k]]
+                    d[start + k] = a.distance(b, R[k], p[k], _CAP)
+        return np.maximum(0.0, d - ROUNDING)
 
     def _halve(
         self, bounds, way_open, touch, share: float, enough: float, finest: float

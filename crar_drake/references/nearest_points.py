@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.references.mesh_pairs import MeshPairs, relative_poses
+from crar_drake.references.surfaces import HullsOfPairs
 
 # Nearest points stay while no point of B moved farther in A [m], or than this share of
 # the distance.
@@ -33,6 +34,7 @@ _ADVANCES = 30  # back on it, at most
 _LEAST = 5e-4
 _ROUNDED = 1e-6  # what doubles are off by, and more [m]
 _AXES = np.vstack([np.eye(3), -np.eye(3)])
+_ONE = np.zeros(1, dtype=int)
 
 
 class _Points(NamedTuple):
@@ -57,6 +59,7 @@ class NearestPoints:
         self._joints = meshes.joints
         self._surfaces = meshes.meshes[i], meshes.meshes[j]
         self._a, self._b = (surface.frame for surface in self._surfaces)
+        self._hulls = HullsOfPairs([self._surfaces])
         self._known: dict[tuple[int, float], _Points] = {}
 
     def find(
@@ -151,7 +154,8 @@ class NearestPoints:
 
     def _nearest(self, R: np.ndarray, p: np.ndarray, enough: float) -> tuple:
         a, b = self._surfaces
-        return a.nearest(b, R, p, enough)
+        d = self._hulls.apart(_ONE, R[None], p[None])[0]
+        return (d, None, None) if d >= enough else a.nearest(b, R, p, enough)
 
     def _way_out(self, R: np.ndarray, p: np.ndarray, m: np.ndarray) -> tuple | None:
         """How far B is moved out of A, along m or on a shorter way from there [m], with

@@ -1,12 +1,13 @@
 """Surfaces of triangles that frames of a robot carry, and how far two of them are.
 
-Coal finds the distances: of convex hulls, and of triangles. Hulls are never farther
-apart than what they hold.
+Convex hulls are never farther apart than what they hold. Where a plane parts them by
+enough, Coal is not asked for the distance of the triangles.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import cached_property
 
@@ -14,6 +15,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
+
+from crar_drake.law.compilation import compiled
+from crar_drake.law.hull_distances import nearest_apart
 
 try:
     import coal
@@ -27,6 +31,10 @@ _PIECE = 0.12
 
 # A winding number beyond is that of a point inside.
 _HALF_TURN = 0.5
+
+# A plane is kept while it leaves free this share of the way between two points, and
+# sought until it leaves that.
+_KEPT, _SOUGHT = 0.65, 0.9
 
 
 class Surface:
@@ -55,34 +63,15 @@ class Surface:
         arms = self.vertices - self.centre
         self.radius = float(np.linalg.norm(arms, axis=1).max())
 
-    def hull_distance(self, other: Surface, R: np.ndarray, p: np.ndarray) -> float:
-        """How far the convex hulls are apart at least, 0 or less where nothing says
-        that they are [m].
-
-        What a plane leaves free between all their corners: Coal seeks the farthest
-        corner from one to the next, which may end too early, so that its distance may
-        be too large.
-
-        Args:
-            other: B, this being A.
-            R, p: (3, 3) R_AB and (3,) p_AB, of the frames that carry them [m].
-        """
-        if self._hull is None or other._hull is None:
-            return -np.inf
-        (hull, corners), (other_hull, others) = self._hull, other._hull
-        found = coal.DistanceResult()
-        if not _measured(hull, other_hull, R, p, found) > 0.0:
-            return 0.0
-        n = found.normal
-        return float((others @ (R.T @ n)).min() + n @ p - (corners @ n).max())
-
     def distance(
         self, other: Surface, R: np.ndarray, p: np.ndarray, enough: float
     ) -> float:
         """How far triangles are apart, 0 where they meet; or enough, if that is less
         [m].
 
-        Args: as of `hull_distance`, and
+        Args:
+            other: B, this being A.
+            R, p: (3, 3) R_AB and (3,) p_AB, of the frames that carry them [m].
             enough: [m].
         """
         return max(0.0, self._of_triangles(other, R, p, enough)[0])
@@ -95,9 +84,6 @@ class Surface:
 
         Args: as of `distance`.
         """
-        d = self.hull_distance(other, R, p)
-        if d >= enough:
-            return d, None, None
         d, found = self._of_triangles(other, R, p, enough)
         if d >= enough:
             return d, None, None
@@ -115,7 +101,7 @@ class Surface:
     def one_inside(self, other: Surface, R: np.ndarray, p: np.ndarray) -> bool:
         """Whether a connected part of one is inside the other, if no triangles meet.
 
-        Args: as of `hull_distance`.
+        Args: as of `distance`.
         """
         return self._holds(other._one_vertex_each @ R.T + p) or other._holds(
             (self._one_vertex_each - p) @ R
@@ -139,18 +125,11 @@ class Surface:
         return [Surface(self.frame, self.vertices, faces) for faces in small]
 
     @cached_property
-    def _hull(self) -> tuple[coal.Convex, np.ndarray] | None:
-        """With its corners (H, 3) [m]; None if it is flat: its triangles are asked."""
+    def hull(self) -> np.ndarray:
+        """(H, 3) corners of the convex hull; all vertices if it is flat [m]."""
         with suppress(QhullError):
-            hull = ConvexHull(self.vertices)
-            number = np.empty(len(self.vertices), dtype=int)
-            number[hull.vertices] = np.arange(len(hull.vertices))
-            points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-            points.extend(list(corners := self.vertices[hull.vertices]))
-            triangles = number[hull.simplices].tolist()
-            faces.extend([coal.Triangle(*three) for three in triangles])
-            return coal.Convex(points, faces), corners
-        return None
+            return self.vertices[ConvexHull(self.vertices).vertices]
+        return self.vertices
 
     @cached_property
     def _triangles(self) -> coal.BVHModelOBBRSS:
@@ -178,16 +157,127 @@ class Surface:
             p_FQ: (P, 3) points that are not on the surface [m].
         """
         lower, upper = self.corners[0], self.corners[-1]
-        for p in p_FQ[((p_FQ > lower) & (p_FQ < upper)).all(axis=1)]:
-            a, b, c = np.moveaxis(self.vertices[self.faces] - p, 1, 0)
-            la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+        inside_box = p_FQ[((p_FQ > lower) & (p_FQ < upper)).all(axis=1)]
+        return _one_is_inside(inside_box, self.vertices, self.faces)
+
+
+class HullsOfPairs:
+    """How far the convex hulls of pairs of surfaces are apart, pose after pose."""
+
+    def __init__(self, pairs: Sequence[tuple[Surface, Surface]]) -> None:
+        """
+        Args:
+            pairs: P of A and B.
+        """
+        surfaces = list(dict.fromkeys(itertools.chain.from_iterable(pairs)))
+        number = {surface: k for k, surface in enumerate(surfaces)}
+        self._of = np.array([[number[x] for x in pair] for pair in pairs], dtype=int)
+        hulls = [np.zeros((0, 3)), *(surface.hull for surface in surfaces)]
+        self._corners = np.concatenate(hulls)
+        self._first = np.cumsum([len(hull) for hull in hulls])
+        self._planes = np.zeros((len(pairs), 10))
+        self._corner = np.zeros(len(pairs), dtype=int)
+
+    def apart(self, pair: np.ndarray, R: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """(M,) what planes leave free between all their corners at least, 0 where no
+        plane is found [m].
+
+        Args:
+            pair: (M,) which pairs; poses of one after the other are best close.
+            R, p: (M, 3, 3) R_AB and (M, 3) p_AB, of the frames that carry them [m].
+        """
+        at = self._corners, self._first, self._of, self._planes, self._corner
+        return _hulls_apart(*at, pair, np.ascontiguousarray(R), np.ascontiguousarray(p))
+
+
+@compiled
+def _hulls_apart(corners, first, of, planes, corner, pair, R, p):
+    """As `HullsOfPairs.apart`.
+
+    Args:
+        corners: (C, 3) of all hulls; first: (S + 1,) where each begins, and all end.
+        of: (P, 2) which hulls are a pair.
+        planes: (P, 10) of each pair what was found last: the plane's normal from A to
+            B, the points nearest to each other in A and B, and how far A goes along the
+            normal; corner: (P,) which corner of A goes so far; changed in place.
+    """
+    found, still = np.empty(len(pair)), np.zeros(3)
+    for k in range(len(pair)):
+        plane, i, j = planes[pair[k]], of[pair[k], 0], of[pair[k], 1]
+        b = corners[first[j] : first[j + 1]]
+        x, y, z, way, free = 0.0, 0.0, 0.0, 0.0, np.inf
+        for r in range(3):
+            x += R[k, r, 0] * plane[r]
+            y += R[k, r, 1] * plane[r]
+            z += R[k, r, 2] * plane[r]
+            apart = p[k, r] - plane[3 + r]
+            for c in range(3):
+                apart += R[k, r, c] * plane[6 + c]
+            way += apart * apart
+        near = 0
+        for v in range(len(b)):
+            along = x * b[v, 0] + y * b[v, 1] + z * b[v, 2]
+            if along < free:
+                near, free = v, along
+        for r in range(3):
+            free += plane[r] * p[k, r]
+        free -= plane[9]
+        if not (free > 0.0 and free >= _KEPT * np.sqrt(way)):
+            placed = np.empty_like(b)
+            for v in range(len(b)):
+                for r in range(3):
+                    placed[v, r] = p[k, r]
+                    for c in range(3):
+                        placed[v, r] += R[k, r, c] * b[v, c]
+            a = corners[first[i] : first[i + 1]]
+            parted, gap, n, nearest = nearest_apart(
+                a, placed, still, corner[pair[k]], near, _SOUGHT
+            )
+            if parted and gap > free:
+                free = gap
+                plane[9] = -np.inf
+                for r in range(3):
+                    plane[r], plane[3 + r], plane[6 + r] = -n[r], nearest[r], 0.0
+                    for c in range(3):
+                        behind = nearest[c] - gap * n[c] - p[k, c]
+                        plane[6 + r] += R[k, c, r] * behind
+                for v in range(len(a)):
+                    along = -(n[0] * a[v, 0] + n[1] * a[v, 1] + n[2] * a[v, 2])
+                    if along > plane[9]:
+                        plane[9], corner[pair[k]] = along, v
+        found[k] = max(free, 0.0)
+    return found
+
+
+@compiled
+def _one_is_inside(points, vertices, faces):
+    """Whether the winding number of a surface about one of some points is more than
+    half a turn.
+
+    Args:
+        points: (P, 3); vertices: (V, 3) [m]; faces: (M, 3) indices of vertices.
+    """
+    arms, length = np.empty((3, 3)), np.empty(3)
+    for q in range(len(points)):
+        turns = 0.0
+        for f in range(len(faces)):
+            for i in range(3):
+                for c in range(3):
+                    arms[i, c] = vertices[faces[f, i], c] - points[q, c]
+                a, b, c = arms[i]
+                length[i] = np.sqrt(a * a + b * b + c * c)
             # Solid angles: A. van Oosterom and J. Strackee, 1983.
-            ab, bc, ca = (np.sum(x * y, axis=1) for x, y in ((a, b), (b, c), (c, a)))
-            above = np.sum(a * np.cross(b, c), axis=1)
-            angles = np.arctan2(above, la * lb * lc + ab * lc + bc * la + ca * lb)
-            if abs(angles.sum()) / (2.0 * np.pi) > _HALF_TURN:
-                return True
-        return False
+            a, b, c = arms
+            normal = np.cross(b, c)
+            above = a[0] * normal[0] + a[1] * normal[1] + a[2] * normal[2]
+            below = length[0] * length[1] * length[2]
+            for i in range(3):
+                u, v, other = arms[i], arms[(i + 1) % 3], length[(i + 2) % 3]
+                below += (u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) * other
+            turns += np.arctan2(above, below)
+        if abs(turns) / (2.0 * np.pi) > _HALF_TURN:
+            return True
+    return False
 
 
 def _measured(a, b, R: np.ndarray, p: np.ndarray, found: coal.DistanceResult) -> float:

@@ -237,27 +237,25 @@ class Retargeter:
         problem = replace(
             problem, about=y, smoothness=self._smoothness(p.change_smoothing, rate)
         )
-        y, violating, effort = keeper.keep(problem, y, effort, progress, meshes=meshes)
+        y, violating, effort = keeper.keep(problem, y, effort, progress)
         tasks, astray = problem.tasks, problem.tasks.astray(y)
         around = spread(astray, round(_ASTRAY_FOR * rate))
         # Nothing is bridged to where all frames are astray.
         if astray.any() and not around.all():
             start = bridged(y, around)
             other = replace(problem, about=start)
-            again, still, effort = keeper.keep(
-                other, start, effort, progress, astray, meshes
-            )
+            again, still, effort = keeper.keep(other, start, effort, progress, astray)
             better = tasks.astray(again).sum() < astray.sum()
             if better and still.sum() <= violating.sum():
                 y, violating, problem = again, still, other
         slip = tasks.slip(y)
         if slip > 0.0:
             slipping = tasks.let_slipping_go(y)
-            again, still, effort = keeper.keep(
-                problem, y, effort, progress, slipping, meshes
-            )
+            again, still, effort = keeper.keep(problem, y, effort, progress, slipping)
             if tasks.slip(again) < slip and still.sum() <= violating.sum():
                 y, violating = again, still
+        if meshes is not None:
+            y, violating, effort = keeper.keep(problem, y, effort, meshes=meshes)
         turned = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
         return Retargeted(
             targets.root_positions + y[:, :3],

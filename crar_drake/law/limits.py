@@ -29,6 +29,7 @@ class Limits:
     Attributes:
         lower, upper: (n,) joint limits, infinite where there is none [rad or m].
         fastest: (n,) speed limits, infinite where there is none [rad/s or m/s].
+        kept: (n,), (n,) from where on joints are beyond their limits [rad or m].
     """
 
     name = "joint limit"
@@ -46,7 +47,7 @@ class Limits:
             approach: of the rows.
         """
         self.lower, self.upper, self.fastest = lower, upper, fastest
-        self._beyond = lower - _AT_LIMIT, upper + _AT_LIMIT
+        self.kept = lower - _AT_LIMIT, upper + _AT_LIMIT
         kappa = approach.limit_approach_rate
         self._approach = (
             float(approach.limit_margin if np.isfinite(kappa) else 0.0),
@@ -60,10 +61,6 @@ class Limits:
         """(n,) how far joints at q (n,) are beyond a limit [rad or m]; less than 0
         within."""
         return np.maximum(self.lower - q, q - self.upper)
-
-    def are_kept(self, q: np.ndarray) -> bool:
-        """Whether joints at q (nv,) are within their limits."""
-        return is_within(q, *self._beyond)
 
     def is_safe(
         self, q: np.ndarray, v: np.ndarray, T: float, known: float = 0.0
@@ -83,7 +80,7 @@ class Limits:
             *(state.q[:n], state.v[:n], self.lower, self.upper, self.fastest),
             *(state.T, state.period, state.plant_step),
         )
-        state.keep_rows |= not self.are_kept(state.q)
+        state.keep_rows |= not is_within(state.q, *self.kept)
 
     def rows(self, state: State) -> Rows:
         n = state.n

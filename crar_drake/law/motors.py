@@ -67,6 +67,7 @@ class Motors:
 
     Attributes:
         limits: (nu,) [Nm or N], infinite where there is none.
+        aimed: (M,) what the M motors with limits are aimed to stay below [Nm or N].
     """
 
     name = "motor"
@@ -90,7 +91,7 @@ class Motors:
                 *(model.order, model.positions, limits[self._some]),
             )
         )
-        self._aimed = (1.0 - _INSIDE) * limits[self._some]
+        self.aimed = (1.0 - _INSIDE) * limits[self._some]
         self._at: tuple[np.ndarray, np.ndarray] | None = None
 
     def joint_of(self, index: int) -> int:
@@ -98,18 +99,13 @@ class Motors:
         `SafetyCheck`."""
         return int(np.argmax(self._efforts.value.share[index]))
 
-    def _measure(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Takes inertia and bias of a state (nv,), (nv,), once a step."""
-        if self._at is not None and all(map(np.array_equal, self._at, (q, v))):
-            return
-        self._at = q, v
-        self._A, self._b = affine_torques(q, v, self._efforts)
-
-    def plan_rows(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(M, nv + 2) A, b and what |A q_ddot + b| is aimed to stay below, at a state
-        (nv,), (nv,)."""
-        self._measure(q, v)
-        return np.column_stack((self._A, self._b, self._aimed))
+    def affine(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A (M, nv), b (M,) of `affine_torques` at a state (nv,), (nv,), once a
+        step."""
+        if self._at is None or not all(map(np.array_equal, self._at, (q, v))):
+            self._at = q, v
+            self._affine = affine_torques(q, v, self._efforts)
+        return self._affine
 
     def braking_time_constant(
         self,
@@ -130,9 +126,8 @@ class Motors:
                 over a shorter is a part of the present one.
         """
         q, v = state.q, state.v
-        self._measure(q, v)
-        given = self._A, self._b, self._aimed
-        uses = braking_use(*given, v, vdot, np.array(choices), state.period)
+        given = *self.affine(q, v), self.aimed, v, vdot
+        uses = braking_use(*given, np.array(choices), state.period)
         times_ = state.period, state.plant_step, self._efforts
         chosen, least, lacks = None, state.T, np.inf
         for T, (now, then) in zip(choices, uses.tolist(), strict=True):
@@ -154,11 +149,11 @@ class Motors:
         return True
 
     def begin(self, state: State) -> None:
-        self._measure(state.q, state.v)
+        self.affine(state.q, state.v)
 
     def rows(self, state: State) -> Rows:
         g, least = motor_rows(
-            *(self._A, self._b, self._aimed, state.v, state.prescribed, state.n),
+            *(*self._affine, self.aimed, state.v, state.prescribed, state.n),
             *(state.T, state.period),
         )
         # What rows lack is to be less than what is asked for ends below the limits.
@@ -167,7 +162,7 @@ class Motors:
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
         safe, left, worst, g, least = check_motors(
-            *(state.q, state.v, s, self._A, self._b, state.n, state.T),
+            *(state.q, state.v, s, *self._affine, state.n, state.T),
             *(state.period, state.plant_step, correct, self._efforts),
         )
         rows = hard_rows(g, least) if correct and not safe else None

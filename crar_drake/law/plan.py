@@ -8,7 +8,6 @@ first of them is the nominal one, and all are chosen anew at the next step: a
 receding-horizon plan. `docs/theory/theorem.md` has the derivation.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from crar_drake.law.approach import SHARE_OF_RANGE, Approach
 from crar_drake.law.compilation import Held, compiled, hold
 from crar_drake.law.kinematics import find_state
+from crar_drake.law.motors import Motors
 from crar_drake.law.one_sided import one_sided_nearest_in
 from crar_drake.law.parameters import Resolved
 from crar_drake.law.path_balls import Shapes, near_on_way, place_ways
@@ -566,7 +566,7 @@ class Plan:
         ahead: Resolved,
         tasks: TaskGains,
         limits: tuple[np.ndarray, np.ndarray],
-        efforts: Callable[[np.ndarray, np.ndarray], np.ndarray] | None,
+        motors: Motors | None,
         period: float,
     ) -> None:
         """
@@ -576,8 +576,7 @@ class Plan:
             ahead: what the plan is made with.
             tasks: gains of the prescribed joints, and the rows' weights.
             limits: (n,), (n,) of the controlled joints [rad or m].
-            efforts: q, v (nv,), (nv,), controlled joints first, to (k, nv + 2) as
-                `Motors.plan_rows`; None without motors.
+            motors: None where nothing limits them.
             period: [s].
         """
         preview = make_preview(ahead, period)
@@ -587,7 +586,7 @@ class Plan:
                 *(ahead.approach, *limits, period),
             )
         )
-        self._model, self._efforts, self._ones = model, efforts, np.ones(model.n)
+        self._model, self._motors, self._ones = model, motors, np.ones(model.n)
         self._first = float(preview.lengths[0])
 
     def __call__(
@@ -599,8 +598,9 @@ class Plan:
         before: np.ndarray | None,
     ) -> Nominal:
         efforts = np.zeros((0, len(v) + 2))
-        if self._efforts is not None:
-            efforts = self._efforts(*self._model.in_order(q, v))
+        if self._motors is not None:
+            given = self._motors.affine(*self._model.in_order(q, v))
+            efforts = np.column_stack((*given, self._motors.aimed))
         plan, vdot, error = plan_step(
             *(q, v, *targets[:4], *targets.blend),
             *(_NO_PLAN if before is None else before, efforts, self._numbers),

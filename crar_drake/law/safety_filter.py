@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from crar_drake.errors import InputError, ModelError, ScenarioError, nearest, tell
-from crar_drake.law.constraints import Braking, RobotConstraints
+from crar_drake.law.constraints import Braking, RobotConstraints, Taken
 from crar_drake.law.joint_command import JointCommand, all_finite
 from crar_drake.law.motors import Motors
 from crar_drake.law.obstacles import Obstacles
@@ -28,7 +28,7 @@ from crar_drake.law.parameters import (
     SafetyParameters,
 )
 from crar_drake.law.spheres import MovingSpheres
-from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED, Constraint, State, Step
+from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED, Constraint, State
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
 
@@ -361,11 +361,12 @@ class SafetyFilter:
         # Lest the robot leap, what was held back catches up no faster than this.
         calm = memory.following or np.abs(s).max() <= self._speed
         state.desired = s if calm else None
-        found, braking = self._robot.step(state, before.regions)
+        taken = self._robot.step(state, before)
+        found = taken.step
         if found.how != AS_NOMINAL or found.s is not s:
             v_next = state.v + self._period * ((found.s - state.v) / state.T)
             q_next = state.q + self._period * v_next
-        report = self._report(state, found, s, calm, before, error, worst)
+        report = self._report(state, taken, s, calm, before, error, worst)
         command = FilterCommand(
             *(self.joint_names, q_next, v_next),
             *((v_next - state.v) / self._period, report),
@@ -373,13 +374,13 @@ class SafetyFilter:
         # The command is the user's, who may change it.
         return FilterMemory(
             *(q_next.copy(), v_next.copy(), desired.q),
-            *(report.how == NOMINAL, braking, command),
+            *(report.how == NOMINAL, taken.braking, command),
         )
 
     def _report(
         self,
         state: State,
-        found: Step,
+        taken: Taken,
         s: np.ndarray,
         calm: bool,
         before: Braking,
@@ -387,7 +388,7 @@ class SafetyFilter:
         worst: str | None,
     ) -> FilterReport:
         """What became of a desired step s (n,)."""
-        of, regions = self._robot, before.regions
+        of, regions, found = self._robot, before.regions, taken.step
         how = found.how if found.s is s else max(found.how, CORRECTED)
         why, joint, pair, objections = "", None, None, found.objections
         if of.pairs.name in objections:
@@ -429,8 +430,8 @@ class SafetyFilter:
             why,
             pair,
             None if joint is None else self.joint_names[joint],
-            of.clearance(found),
-            of.is_clear(state.q, of.pairs.present_is_clear, regions),
+            taken.clearance,
+            taken.clear,
             error,
             worst,
             T=state.T,

@@ -13,16 +13,15 @@ from pydrake.systems.framework import (
 )
 
 from crar_drake.errors import InputError
-from crar_drake.law.obstacle_port import ObstaclePort
+from crar_drake.law.obstacles import NO_PORT, Obstacles, checked_speeds
 from crar_drake.law.safety_filter import (
     BRAKING,
-    NOMINAL,
+    HOW,
     FilterMemory,
     SafetyFilter,
 )
 
-# What the diagnostics call the ways a command came about.
-HOW = (NOMINAL, "corrected", "scaled", BRAKING)
+_HOW = [*HOW.values(), BRAKING]
 
 # Ports of what is wanted, to the keyword of the filter.
 _WANTED = {
@@ -100,15 +99,17 @@ class SafetyFilterSystem(LeafSystem):
         self.set_name("safety_filter")
         self.filter = filter
         n = len(filter.joint_names)
+        self._speeds = checked_speeds(self.get_name(), obstacle_speeds)
         self._inputs = {
             name: self.DeclareVectorInputPort(name, size)
             for name, size in (
                 *((name, n) for name in _WANTED),
                 ("desired_state", 2 * n),
                 ("measured_state", 2 * n),
+                ("obstacles", 4 * len(self._speeds)),
             )
+            if size
         }
-        self._obstacles = ObstaclePort(self, obstacle_speeds)
         memory = self.DeclareAbstractState(AbstractValue.Make(filter.start()))
         self._memory_index = int(memory)
         held = {self.abstract_state_ticket(memory)}
@@ -151,7 +152,9 @@ class SafetyFilterSystem(LeafSystem):
         Raises:
             InputError: the system was made without `obstacle_speeds`.
         """
-        return self._obstacles.port
+        if "obstacles" not in self._inputs:
+            raise InputError(f"{self.get_name()}: {NO_PORT}")
+        return self._inputs["obstacles"]
 
     def get_output_port_command(self) -> OutputPort:
         """Port (2 n,): [q; v] a period after the step."""
@@ -205,7 +208,9 @@ class SafetyFilterSystem(LeafSystem):
             if port.HasValue(context)
         }
         measured = given.pop("measured_state", None)
-        obstacles = self._obstacles.Eval(context)
+        obstacles = given.pop("obstacles", None)
+        if obstacles is not None:
+            obstacles = Obstacles.of_port(obstacles, self._speeds)
         if measured is not None:
             measured = measured[:n], measured[n:]
             if memory.command is None:
@@ -250,7 +255,7 @@ class SafetyFilterSystem(LeafSystem):
             return
         output.SetFromVector(
             [
-                HOW.index(report.how),
+                _HOW.index(report.how),
                 report.share,
                 report.clearance,
                 report.clear,

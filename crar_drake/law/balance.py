@@ -29,10 +29,9 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.law.compilation import Held, compiled
-from crar_drake.law.masses import Masses
+from crar_drake.law.dynamics import Masses, wrench_slopes, wrenches
 from crar_drake.law.prediction import state_within
 from crar_drake.law.vectors import dot, times
-from crar_drake.law.wrenches import wrench_slopes, wrenches
 
 # More pieces of a path than this are not worth their time, a power of 2; a path that
 # would need more is taken for less balanced than it is.

@@ -23,14 +23,7 @@ from crar_drake.law.pairs import Pairs
 from crar_drake.law.parameters import LEAST_PERIODS, LookaheadParameters
 from crar_drake.law.spheres import MovingSpheres
 from crar_drake.law.step import SCALED, Constraint, State, Step, step
-from crar_drake.law.tracking_error import (
-    check_rest_posture,
-    check_slides,
-    distance_losses,
-    joint_errors,
-    narrowed_limits,
-    thickened,
-)
+from crar_drake.law.tracking_error import joint_errors, narrowed_limits, thickened
 from crar_drake.robot.balls import find_balls
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
@@ -105,12 +98,9 @@ class RobotConstraints:
             *(model.joints, model.pairs, model.order),
             *(plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()),
         )
-        losses, robot = np.zeros(len(model.pairs.pair_of_shapes)), model.robot
+        robot, losses = model.robot, np.zeros(len(model.pairs.pair_of_shapes))
         if errors.any():
-            check_slides(errors, reaches, model)
-            losses = distance_losses(errors, reaches)
-            check_rest_posture(robot, losses, gains.safety_distance, model)
-            robot = thickened(robot, losses)
+            robot, losses = thickened(errors, reaches, gains.safety_distance, model)
         self._approach = approach
         self.pairs = Pairs(
             *(robot, hold(reaches), find_balls(model, losses)),

@@ -59,13 +59,14 @@ class Gains(NamedTuple):
 
     @staticmethod
     def of(given: PaperGains, period: float, num_pairs: int) -> Gains:
-        """Those of parameters, for a control period [s] and so many watched pairs."""
+        """Those of parameters, for a control period [s] and Nc watched pairs, with
+        Eq. (28), a = 1 / (Nc + 1), where a is not given."""
         GvN, share = given.GvN, given.limit_share
         return Gains(
             *(float(given.damping), float(given.Gv)),
             math.nan if GvN is None else float(GvN),
             *(float(given.rho), float(given.alpha), float(given.beta)),
-            composite_index(num_pairs) if share is None else float(share),
+            1.0 / (num_pairs + 1) if share is None else float(share),
             *(float(period), given.level == "velocity"),
         )
 
@@ -184,11 +185,6 @@ def approach_weights(
         1 + |gradient| where the constraint is approached, else 1.
     """
     return 1.0 + np.abs(gradient) * (proximity >= previous)
-
-
-def composite_index(num_pairs: int) -> float:
-    """Eq. (28): a = 1 / (Nc + 1), for Nc watched pairs."""
-    return 1.0 / (num_pairs + 1)
 
 
 @compiled

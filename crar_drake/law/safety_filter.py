@@ -406,37 +406,25 @@ class SafetyFilter:
                 why = check.reason or name
             if of.motors is not None and name == of.motors.name:
                 joint = of.motors.joint_of(check.index)
-        obstacle = None
-        of_regions = {}
+        obstacle, left, too_fast = None, np.nan, ()
         if regions is not None:
-            obstacle = self.among.ran_into(regions, found)
+            obstacle, too_fast = self.among.ran_into(regions, found), regions.too_fast
+            left = found.clearances.get(OBSTACLE, np.nan)
             if obstacle is not None and not why:
                 why = OBSTACLE
-            left = found.clearances.get(OBSTACLE, np.nan)
-            of_regions = {
-                "obstacle": obstacle,
-                "obstacle_clearance": left,
-                "too_fast": regions.too_fast,
-            }
         if how != AS_NOMINAL and not why:
             # Nothing is wrong with the command but what is violated already.
             why = of.pairs.name
             if of.pairs.present_is_clear:
                 beyond = of.limits.beyond(state.q)
                 why, joint = of.limits.name, int(np.argmax(beyond))
+        joint = None if joint is None else self.joint_names[joint]
         return FilterReport(
-            HOW[how],
-            float(found.share),
-            why,
-            pair,
-            None if joint is None else self.joint_names[joint],
-            taken.clearance,
-            taken.clear,
-            error,
-            worst,
-            T=state.T,
+            *(HOW[how], float(found.share), why, pair, joint),
+            *(taken.clearance, taken.clear, error, worst),
+            *(obstacle, left, too_fast),
             motor_use=1.0 - found.clearances.get(Motors.name, np.nan),
-            **of_regions,
+            T=state.T,
         )
 
     @property

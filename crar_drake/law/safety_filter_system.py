@@ -1,8 +1,9 @@
 """The safety filter as a Drake system."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     Context,
@@ -114,12 +115,12 @@ class SafetyFilterSystem(LeafSystem):
         self._memory_index = int(memory)
         held = {self.abstract_state_ticket(memory)}
         self._outputs = {
-            name: self.DeclareVectorOutputPort(name, size, calc, held)
-            for name, size, calc in (
-                ("command", 2 * n, self._CalcCommand),
-                ("position_command", n, self._CalcPosition),
-                ("acceleration_command", n, self._CalcAcceleration),
-                ("diagnostics", 7, self._CalcDiagnostics),
+            name: self.DeclareVectorOutputPort(name, size, self._MakeCalc(of), held)
+            for name, size, of in (
+                ("command", 2 * n, lambda memory: np.concatenate((memory.q, memory.v))),
+                ("position_command", n, lambda memory: memory.q),
+                ("acceleration_command", n, self._acceleration),
+                ("diagnostics", 7, self._diagnostics),
             )
         }
         self._joints = {name: i for i, name in enumerate(filter.joint_names)}
@@ -236,31 +237,24 @@ class SafetyFilterSystem(LeafSystem):
         )
         self._keep(state, stepped)
 
-    def _CalcCommand(self, context: Context, output) -> None:
-        memory = self._memory(context)
-        output.SetFromVector(np.concatenate((memory.q, memory.v)))
-
-    def _CalcPosition(self, context: Context, output) -> None:
-        output.SetFromVector(self._memory(context).q)
-
-    def _CalcAcceleration(self, context: Context, output) -> None:
-        memory = self._memory(context)
-        a = np.zeros(len(memory.q)) if memory.command is None else memory.command.a
-        output.SetFromVector(a)
-
-    def _CalcDiagnostics(self, context: Context, output) -> None:
-        report = self.report(context)
-        if report is None:
-            output.SetFromVector(np.full(7, np.nan))
-            return
-        output.SetFromVector(
-            [
-                _HOW.index(report.how),
-                report.share,
-                report.clearance,
-                report.clear,
-                report.tracking_error,
-                self._pairs.get(report.pair, -1),
-                self._joints.get(report.joint, -1),
-            ]
+    def _MakeCalc(self, values: Callable[[FilterMemory], ArrayLike]):
+        return lambda context, output: output.SetFromVector(
+            values(self._memory(context))
         )
+
+    def _acceleration(self, memory: FilterMemory) -> np.ndarray:
+        return np.zeros(len(memory.q)) if memory.command is None else memory.command.a
+
+    def _diagnostics(self, memory: FilterMemory) -> ArrayLike:
+        if memory.command is None:
+            return np.full(7, np.nan)
+        report = memory.command.report
+        return [
+            _HOW.index(report.how),
+            report.share,
+            report.clearance,
+            report.clear,
+            report.tracking_error,
+            self._pairs.get(report.pair, -1),
+            self._joints.get(report.joint, -1),
+        ]

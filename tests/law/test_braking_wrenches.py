@@ -18,11 +18,11 @@ from crar_drake.law.balance import (
     examine_balance,
 )
 from crar_drake.law.compilation import hold
+from crar_drake.law.dynamics import wrench_slopes, wrenches
 from crar_drake.law.ground import Ground
 from crar_drake.law.prediction import state_within
 from crar_drake.law.projection import project
 from crar_drake.law.step import State
-from crar_drake.law.wrenches import wrench_slopes, wrenches
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.soles import ground_cone, masses_on_soles, shrunk, sole_corners
 from crar_drake.robot.standing import standing_description

@@ -117,10 +117,7 @@ class RobotConstraints:
             self.motors = Motors(model, efforts)
             self.all.append(self.motors)
         if gains.balance is not None:
-            soles = gains.balance
-            self.ground = Ground(
-                model, self.T, self.period, soles.friction, soles.margin
-            )
+            self.ground = Ground(model, self.T, self.period, gains.balance)
             self.all.append(self.ground)
 
     @property

@@ -398,7 +398,7 @@ class ControlLaw:
                 status, nominal = STATUS_BRAKING, None
         going_on = nominal is not None
         if not going_on:
-            vdot = -believed / (braking.T or self._constraints.T)
+            vdot = -believed[model.order] / (braking.T or self._constraints.T)
             unknown, nothing = np.full(model.m, np.nan), np.zeros(model.n)
             nominal = Nominal(vdot, unknown, np.ones(model.n), nothing, _NOTHING)
         solution, braking = self._solved(
@@ -456,9 +456,9 @@ class ControlLaw:
             going_on: else the nominal is braking, over whatever T will do.
         """
         model, n = self.model, self.model.n
-        vdot, how, found, braking = nominal.vdot, {}, None, before
+        taken = asked = nominal.vdot
+        how, found, braking = {}, None, before
         at, rate = model.in_order(q, v)
-        (_, asked) = model.in_order(q, vdot)
 
         def s_0(T: float) -> np.ndarray:
             if not going_on:
@@ -495,8 +495,8 @@ class ControlLaw:
             taken = (found.s - rate) / state.T
             if self._motors is not None and self._motors.name in found.objections:
                 share = share_of_nominal(taken, asked, rate[:n], state.T)
-            vdot = np.empty_like(taken)
-            vdot[model.order] = taken
+        vdot = np.empty_like(taken)
+        vdot[model.order] = taken
         actuation = model.inverse_dynamics(workspace, vdot)
         excess = 0.0
         if self._limits_efforts:

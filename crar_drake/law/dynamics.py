@@ -32,6 +32,7 @@ import numpy as np
 
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.kinematics import link_poses
+from crar_drake.law.vectors import add_to
 
 
 class Masses(NamedTuple):
@@ -190,9 +191,7 @@ def joint_torques(
             forces[i, c, 3] -= dynamics.gravity[c] * dynamics.heavy[i, 3]
         tau[at] += dynamics.stiffness[at] * q[tree.position[i]] - dynamics.slack[at]
         tau[at] += work(S[i], forces[i])
-        for r in range(3):
-            for c in range(4):
-                forces[up, r, c] += forces[i, r, c]
+        add_to(forces[up], forces[i])
     return tau
 
 
@@ -220,9 +219,7 @@ def inertia_matrix(q: np.ndarray, dynamics: Dynamics) -> np.ndarray:
             if j != i:
                 H[column, row] += value
             j = tree.parent[j]
-        for r in range(4):
-            for c in range(4):
-                P[up, r, c] += P[i, r, c]
+        add_to(P[up], P[i])
     return H
 
 
@@ -305,9 +302,6 @@ def wrench_slopes(
             change[:] = 0.0
             add_product(S[i], P[i], 1.0, change)
             write_wrench(change, slopes[j, 2])
-        for r in range(4):
-            for c in range(4):
-                P[up, r, c] += P[i, r, c]
-                H[up, r, c] += H[i, r, c]
-                F[up, r, c] += F[i, r, c]
+        for of in (P, H, F):
+            add_to(of[up], of[i])
     return slopes

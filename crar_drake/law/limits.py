@@ -41,11 +41,7 @@ class Limits:
         fastest: np.ndarray,
         approach: Approach,
     ) -> None:
-        """
-        Args:
-            lower, upper, fastest: as of the attributes.
-            approach: of the rows.
-        """
+        """With the numbers of the rows, and the others as of the attributes."""
         self.lower, self.upper, self.fastest = lower, upper, fastest
         self.kept = lower - _AT_LIMIT, upper + _AT_LIMIT
         kappa = approach.limit_approach_rate

@@ -416,9 +416,7 @@ def paper_step(
     qddot, qdot_c, W = weighted_acceleration(
         references, state.v[:n], W, inertia, kept[n + Nc * n :], gains
     )
-    in_order, vdot = np.concatenate((qddot, references.qddot_p)), np.empty(len(v))
-    for i in range(len(v)):
-        vdot[r.order[i]] = in_order[i]
+    vdot = np.concatenate((qddot, references.qddot_p))
     kept = np.concatenate((of_limits, of_pairs.ravel(), qdot_c))
     return vdot, references.error, W, qdot_c, kept
 

@@ -520,7 +520,7 @@ def plan_step(
         held: holds `PlanNumbers`.
 
     Returns:
-        (N n,) the plan; (nv,) the accelerations, in the plant's order; (m,) Eq. (11)
+        (N n,) the plan; (nv,) the accelerations, controlled joints first; (m,) Eq. (11)
         against the targets as given.
     """
     numbers = held.value
@@ -550,10 +550,7 @@ def plan_step(
         np.concatenate((of_pairs, of_limits, of_slow, of_weak)),
         preview,
     )
-    vdot = np.empty(len(v))
-    for i in range(len(v)):
-        vdot[r.order[i]] = plan[i] if i < n else references.qddot_p[i - n]
-    return plan, vdot, references.error
+    return plan, np.concatenate((plan[:n], references.qddot_p)), references.error
 
 
 class Plan:

@@ -26,7 +26,7 @@ from crar_drake.law.measured import (
 )
 from crar_drake.law.motors import Motors, clip_torque, share_of_nominal
 from crar_drake.law.obstacles import Obstacles
-from crar_drake.law.paper import Gains, PaperLaw
+from crar_drake.law.paper import PaperLaw
 from crar_drake.law.parameters import LookaheadParameters, Parameters
 from crar_drake.law.plan import Plan, posture_near_limits
 from crar_drake.law.prediction import state_ahead
@@ -141,22 +141,14 @@ class ControlLaw:
             *(float(of_paper.K), float(of_paper.Kp), float(of_paper.velocity_gain)),
             *(stiffness, weights),
         )
-        of = model, self._period, float(gains.latency), self._plans
-        self._measured = MeasuredStates(*of)
+        of = model, self._period, float(gains.latency)
+        self._measured = MeasuredStates(*of, self._plans)
         self._nominal: TaskLaw
         if self._plans:
-            of = self._constraints
-            self._nominal = Plan(
-                *(model, of.pairs.shapes, ahead, tasks),
-                (of.limits.lower, of.limits.upper),
-                *(of.motors, self._period),
-            )
+            self._nominal = Plan(model, self._constraints, ahead, tasks)
         else:
-            self._nominal = PaperLaw(
-                *(model, tasks, Gains.of(of_paper, self._period, len(model.pairs))),
-                constrained=gains.constraints != "none",
-                with_inertia=of_paper.metric == "inertia",
-            )
+            constrained = gains.constraints != "none"
+            self._nominal = PaperLaw(model, tasks, of_paper, self._period, constrained)
         self.reset()
 
     @cached_property

@@ -66,7 +66,6 @@ class Motors:
     """The constraint of effort limits, of a robot whose base is fixed.
 
     Attributes:
-        limits: (nu,) [Nm or N], infinite where there is none.
         aimed: (M,) what the M motors with limits are aimed to stay below [Nm or N].
     """
 
@@ -76,22 +75,16 @@ class Motors:
         """
         Args:
             model: whose dynamics.
-            limits: (nu,) as of the attribute.
+            limits: (nu,) [Nm or N], infinite where there is none.
 
         Raises:
             ModelError: the plant has a force that is not known.
         """
-        self.limits, self._model = limits, model
-        self._some = np.flatnonzero(np.isfinite(limits))
-        share = model.effort_of_joints[self._some]
-        self._efforts = hold(
-            Efforts(
-                model.dynamics,
-                np.ascontiguousarray(share),
-                *(model.order, model.positions, limits[self._some]),
-            )
-        )
-        self.aimed = (1.0 - _INSIDE) * limits[self._some]
+        some = np.flatnonzero(np.isfinite(limits))
+        share, limits = model.effort_of_joints[some], limits[some]
+        of = share, model.order, model.positions, limits
+        self._efforts = hold(Efforts(model.dynamics, *of))
+        self.aimed = (1.0 - _INSIDE) * limits
         self._at: tuple[np.ndarray, np.ndarray] | None = None
 
     def joint_of(self, index: int) -> int:

@@ -118,10 +118,7 @@ class Shared:
         if not self.effort_limits:
             return np.full_like(model.actuator_limits, np.inf)
         limits = model.actuator_limits.copy()
-        for index in model.plant.GetJointActuatorIndices():
-            actuator = model.plant.get_joint_actuator(index)
-            if actuator.joint().velocity_start() in model.prescribed:
-                limits[actuator.input_start()] = np.inf
+        limits[model.effort_of_joints[:, model.prescribed].any(axis=1)] = np.inf
         return limits
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from crar_drake.law.approach import SHARE_OF_RANGE, Approach
 from crar_drake.law.compilation import Held, compiled, hold
+from crar_drake.law.constraints import RobotConstraints
 from crar_drake.law.kinematics import find_state
-from crar_drake.law.motors import Motors
 from crar_drake.law.one_sided import one_sided_nearest_in
 from crar_drake.law.parameters import Resolved
 from crar_drake.law.path_balls import Shapes, near_on_way, place_ways
@@ -559,31 +559,25 @@ class Plan:
     def __init__(
         self,
         model: ControlModel,
-        shapes: Held,
+        constraints: RobotConstraints,
         ahead: Resolved,
         tasks: TaskGains,
-        limits: tuple[np.ndarray, np.ndarray],
-        motors: Motors | None,
-        period: float,
     ) -> None:
         """
         Args:
             model: of the robot, its tasks.
-            shapes: holds its `Shapes`.
+            constraints: of the robot.
             ahead: what the plan is made with.
             tasks: gains of the prescribed joints, and the rows' weights.
-            limits: (n,), (n,) of the controlled joints [rad or m].
-            motors: None where nothing limits them.
-            period: [s].
         """
-        preview = make_preview(ahead, period)
+        of, preview = constraints, make_preview(ahead, constraints.period)
         self._numbers = hold(
             PlanNumbers(
-                *(model.robot, shapes, hold(preview), tasks),
-                *(ahead.approach, *limits, period),
+                *(model.robot, of.pairs.shapes, hold(preview), tasks, ahead.approach),
+                *(of.limits.lower, of.limits.upper, of.period),
             )
         )
-        self._model, self._motors, self._ones = model, motors, np.ones(model.n)
+        self._model, self._motors, self._ones = model, of.motors, np.ones(model.n)
         self._first = float(preview.lengths[0])
 
     def __call__(

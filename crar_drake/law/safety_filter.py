@@ -252,7 +252,6 @@ class SafetyFilter:
         """
         self._memory = self.start(q, v)
         self._started = q is not None
-        self._workspace = self.model.MakeWorkspace()
 
     def start(self, q: Joints | None = None, v: Joints | None = None) -> FilterMemory:
         """The memory to begin with; as of `reset`."""

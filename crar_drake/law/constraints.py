@@ -55,6 +55,7 @@ class RobotConstraints:
     Attributes:
         T: braking time constant wherever nothing asks for another [s].
         errors: (nv,) how far joints may be from their commands [rad or m].
+        fastest: that q_s is asked to move in any joint [rad/s or m/s].
         pairs, limits: always there.
         motors, ground: None where nothing limits motors, or nobody stands.
         all: a list, to which a user may append others; moving obstacles come last.
@@ -101,7 +102,7 @@ class RobotConstraints:
         robot, losses = model.robot, np.zeros(len(model.pairs.pair_of_shapes))
         if errors.any():
             robot, losses = thickened(errors, reaches, gains.safety_distance, model)
-        self._approach = approach
+        self._approach, self.fastest = approach, approach.fastest
         self.pairs = Pairs(
             *(robot, hold(reaches), find_balls(model, losses)),
             [model.pairs.names[i] for i in model.pairs.pair_of_shapes],
@@ -119,11 +120,6 @@ class RobotConstraints:
         if gains.balance is not None:
             self.ground = Ground(model, self.T, self.period, gains.balance)
             self.all.append(self.ground)
-
-    @property
-    def fastest(self) -> float:
-        """How fast the place where the robot comes to rest is asked to move [rad/s]."""
-        return self._approach.fastest
 
     def compile(self, q: np.ndarray, v: np.ndarray) -> None:
         """Compiles what only some steps need, by such ones from a state (nv,), (nv,)

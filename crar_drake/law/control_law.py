@@ -467,19 +467,17 @@ class ControlLaw:
                 *(at, rate, before, s_0, asked[n:]), keep_rows=True, along=not going_on
             )
             found, clear, clearance, braking = self._constraints.step(state, before)
-            share = found.how, found.share
-            how["admission"] = np.array([*share, clearance, float(clear)])
+            admitted = found.how, found.share
+            how["admission"] = np.array([*admitted, clearance, float(clear)])
             how["T"] = np.array([state.T])
             if (ground := self._constraints.ground) is not None:
-                own = share if ground.name in found.objections else (AS_NOMINAL, 1.0)
+                if ground.name not in found.objections:
+                    admitted = AS_NOMINAL, 1.0
                 left = found.clearances.get(ground.name, 0.0)
-                how["balance"] = np.array([*own, left])
+                how["balance"] = np.array([*admitted, left])
         elif self._motors is not None:
-            step_ = min(self._plant_step, self._period)
-            state = State(
-                *(at, rate, n, self.parameters.T, self._period, step_),
-                *(s_0, False, asked[n:]),
-            )
+            times = self.parameters.T, self._period, min(self._plant_step, self._period)
+            state = State(at, rate, n, *times, s_0, False, asked[n:])
             state.desired = state.whole(state.nominal)
             found = step(state, [self._motors])
         share = 1.0

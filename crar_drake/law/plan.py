@@ -285,7 +285,7 @@ def limit_rows_ahead(
 def speed_rows(
     qdot: np.ndarray, plan: np.ndarray, fastest: float, preview: Preview
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(L12): rows as of `rows_ahead` of joints that the last plan makes near too fast.
+    """(L12): rows of joints that the last plan makes near too fast.
 
         |q_dot + sum_{j <= i} length_j q_ddot_j| <= fastest
 
@@ -316,7 +316,7 @@ def speed_rows(
 def effort_rows(
     efforts: np.ndarray, qddot_p: np.ndarray, plan: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(L12): rows as of `rows_ahead` of motors of which the last plan asks for much.
+    """(L12): rows of motors of which the last plan asks for much.
 
         |A q_ddot_i + b| <= limit,
 
@@ -431,7 +431,7 @@ def plan_accelerations(
         task_damping: lambda [m].
         posture_error: (n,) q - q_nominal, or zeros [rad].
         qdot: (n,) velocities.
-        rows, least: of `rows_ahead`.
+        rows, least: of `pair_rows_ahead` and the others.
     """
     N, n = len(preview.times), len(qdot)
     shares = task_shares(references.e, of_rows, preview.farthest)

@@ -221,7 +221,6 @@ class SafetyFilter:
         self._n = model.n
         self._at = {name: i for i, name in enumerate(self.joint_names)}
         T, approach = gains.T, gains.approach_of_commands()
-        self._speed = approach.fastest
         with self._refusing():
             self._robot = RobotConstraints(
                 *(model, gains, approach, T),
@@ -349,16 +348,15 @@ class SafetyFilter:
             return self._brake(memory, before, NO_NUMBER, error, worst)
 
         def nominal(T: float) -> np.ndarray:
-            return desired.nominal(
-                *(memory.q, memory.v, memory.desired, T, self._period, self._speed)
-            )
+            at, fastest = (memory.q, memory.v, memory.desired), self._robot.fastest
+            return desired.nominal(*at, T, self._period, fastest)
 
         state = self._robot.state(memory.q, memory.v, before, nominal)
         q_next, v_next, s = desired.step(memory.q, memory.v, state.T, self._period)
         if not all_finite(s):
             return self._brake(memory, before, NO_SENSE, error, worst)
         # Lest the robot leap, what was held back catches up no faster than this.
-        calm = memory.following or np.abs(s).max() <= self._speed
+        calm = memory.following or np.abs(s).max() <= self._robot.fastest
         state.desired = s if calm else None
         taken = self._robot.step(state, before)
         found = taken.step

@@ -255,17 +255,6 @@ def task_weights(
     return S
 
 
-def task_wrenches(layout: TaskLayout) -> np.ndarray:
-    """(m, 6) of `kinematics.task_jacobian`: what each row of a task turns about, and
-    the axis along which it moves."""
-    fixed = np.zeros((layout.m, 6))
-    for rows in layout.angular_rows:
-        fixed[rows, :3] = np.eye(3)
-    for rows in layout.linear_rows:
-        fixed[rows, 3:] = np.eye(3)
-    return fixed
-
-
 @compiled
 def rotation_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
     """Rotation matrices (N, 3, 3) of quaternions (N, 4) in the order w x y z.

@@ -7,7 +7,7 @@ from pydrake.multibody.tree import Frame, RigidBody
 
 from crar_drake.law.compilation import Held, hold
 from crar_drake.law.kinematics import Robot, TaskPoints
-from crar_drake.law.tasks import TaskLayout, task_wrenches
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.kinematics import JointTree
 
@@ -63,9 +63,15 @@ def numbers_of_robot(
 
     carries, of_joints = moved(tasks), np.zeros((layout.m, len(order)))
     of_joints[layout.joint_rows, layout.rows.joints] = 1.0
+    # What each row turns about, and the axis along which it moves.
+    fixed = np.zeros((layout.m, 6))
+    for rows in layout.angular_rows:
+        fixed[rows, :3] = np.eye(3)
+    for rows in layout.linear_rows:
+        fixed[rows, 3:] = np.eye(3)
     tree, rows = hold(joints.tree), hold(layout.rows)
     task_points = TaskPoints(
-        fixed=task_wrenches(layout),
+        fixed=fixed,
         of_rows=layout.of_rows,
         carried=carries[layout.of_rows],
         carries=carries,

@@ -48,11 +48,6 @@ class Limits:
         unit = np.eye(len(lower))
         self._g = np.concatenate((unit, -unit))
 
-    def beyond(self, q: np.ndarray) -> np.ndarray:
-        """(n,) how far joints at q (n,) are beyond a limit [rad or m]; less than 0
-        within."""
-        return np.maximum(self.lower - q, q - self.upper)
-
     def is_safe(
         self, q: np.ndarray, v: np.ndarray, T: float, known: float = 0.0
     ) -> bool:

@@ -258,7 +258,12 @@ class SafetyFilter:
         q = rest if q is None else self._vector("q", q, rest)
         v = still if v is None else self._vector("v", v, still)
         for name, value in (("q", q), ("v", v)):
-            self._refuse_no_number(f"the start's {name}", value)
+            bad = np.flatnonzero(~np.isfinite(value))
+            if len(bad):
+                joints = ", ".join(self.joint_names[i] for i in bad[:8])
+                raise InputError(
+                    f"the start's {name} has a NaN or infinite value, of {joints}"
+                )
         return FilterMemory(q, v)
 
     def __call__(
@@ -413,7 +418,9 @@ class SafetyFilter:
             # Nothing is wrong with the command but what is violated already.
             why = of.pairs.name
             if of.pairs.present_is_clear:
-                beyond = of.limits.beyond(state.q)
+                beyond = np.maximum(
+                    of.limits.lower - state.q, state.q - of.limits.upper
+                )
                 why, joint = of.limits.name, int(np.argmax(beyond))
         joint = None if joint is None else self.joint_names[joint]
         return FilterReport(
@@ -491,12 +498,6 @@ class SafetyFilter:
                 "order of joint_names"
             )
         return vector
-
-    def _refuse_no_number(self, name: str, value: np.ndarray) -> None:
-        bad = np.flatnonzero(~np.isfinite(value))
-        if len(bad):
-            joints = ", ".join(self.joint_names[i] for i in bad[:8])
-            raise InputError(f"{name} has a NaN or infinite value, of {joints}")
 
     def _measured(self, measured: tuple[Joints, Joints]) -> list[np.ndarray]:
         """(n,) positions and (n,) velocities; raises InputError."""

@@ -27,7 +27,6 @@ if TYPE_CHECKING:  # as type checkers read that a name is public
         PaperParameters as PaperParameters,
         SafetyParameters as SafetyParameters,
     )
-    from crar_drake.law.records import Solution as Solution
     from crar_drake.law.safety_filter import (
         FilterCommand as FilterCommand,
         FilterReport as FilterReport,
@@ -36,6 +35,7 @@ if TYPE_CHECKING:  # as type checkers read that a name is public
     from crar_drake.law.safety_filter_system import (
         SafetyFilterSystem as SafetyFilterSystem,
     )
+    from crar_drake.law.solution import Solution as Solution
     from crar_drake.law.standing_law import StandingLaw as StandingLaw
     from crar_drake.law.tasks import TaskLayout as TaskLayout
     from crar_drake.results.log import SimulationLog as SimulationLog
@@ -79,7 +79,7 @@ _NAMES = {
     "law.obstacles": "Obstacles",
     "law.parameters": "BalanceParameters LookaheadParameters PaperGains "
     "PaperParameters SafetyParameters",
-    "law.records": "Solution",
+    "law.solution": "Solution",
     "law.safety_filter": "FilterCommand FilterReport SafetyFilter",
     "law.safety_filter_system": "SafetyFilterSystem",
     "law.standing_law": "StandingLaw",

@@ -30,43 +30,6 @@ class Approach(NamedTuple):
 
 
 @compiled
-def pair_margins(
-    d: np.ndarray, dd_dv: np.ndarray, v: np.ndarray, T: float
-) -> np.ndarray:
-    """(L3), (L4): h of two rows a pair, where the robot comes to rest.
-
-    At the state by its velocity, d(q) + T dd/dq q_dot, and at q_s itself, d(q_s).
-    Each pair of shapes has its own: one of the nearest two alone would jump where two
-    are equally near, and let the first go.
-
-    Args:
-        d: (2, Nc) signed distances at q and at q_s [m].
-        dd_dv: (2, Nc, nv) their gradients by all joints.
-        v: (nv,) velocities [rad/s, m/s].
-        T: braking time constant [s].
-
-    Returns:
-        (2 Nc,) [m]: first those expected from q, and then those at q_s.
-    """
-    return np.concatenate((d[0] + T * times(dd_dv[0], v), d[1]))
-
-
-@compiled
-def margin_curvature(dd_dv: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """What (L4) leaves out of its rows' rate, T q_dot^T hess(d) q_dot: (2 Nr,) [m/s].
-
-    Estimated by the secant, for q_s is T q_dot away: (g_1 - g_2) q_dot. Of the rows
-    (L3), which are exact, 0.
-
-    Args:
-        dd_dv: (2, Nr, nv) gradients at q and at q_s.
-        v: (nv,) velocities.
-    """
-    secant = times(dd_dv[1], v) - times(dd_dv[0], v)
-    return np.concatenate((secant, np.zeros(len(secant))))
-
-
-@compiled
 def least_rate(
     h: np.ndarray, margin: float, gamma: float, fastest: float, kappa: float
 ) -> np.ndarray:
@@ -97,16 +60,22 @@ def distance_rows(
     approach: Approach,
 ) -> tuple[np.ndarray, np.ndarray]:
     """g (C, nv), least (C,): the rows (L3), (L4) of distances within the influence
-    distance.
+    distance, first those expected from q, and then those at q_s.
+
+    Each pair of shapes has its own: one of the nearest two alone would jump where two
+    are equally near, and let the first go. What (L4) leaves out of its rows' rate, T
+    q_dot^T hess(d) q_dot, is estimated by the secant, for q_s is T q_dot away.
 
     Args:
-        d, dd_dv: (2, Nr), (2, Nr, nv) of `pair_margins`, `margin_curvature`.
+        d: (2, Nr) signed distances at q and at q_s [m].
+        dd_dv: (2, Nr, nv) their gradients by all joints.
         drift: (Nr,) how fast distances shrink by themselves [m/s].
-        v: (nv,) velocities.
+        v: (nv,) velocities [rad/s, m/s].
         T: braking time constant [s].
         approach: margin and rates.
     """
-    h = pair_margins(d, dd_dv, v, T)
+    rate = times(dd_dv[0], v)
+    h = np.concatenate((d[0] + T * rate, d[1]))
     least = least_rate(
         h,
         approach.distance_margin,
@@ -114,6 +83,8 @@ def distance_rows(
         approach.retreat_speed,
         approach.approach_rate,
     )
-    least += np.concatenate((drift, drift)) - margin_curvature(dd_dv, v)
+    secant = times(dd_dv[1], v) - rate
+    curvature = np.concatenate((secant, np.zeros(len(secant))))
+    least += np.concatenate((drift, drift)) - curvature
     near = np.flatnonzero(h < approach.influence_distance)
     return dd_dv.reshape(len(h), len(v))[near], least[near]

@@ -1,27 +1,15 @@
-"""Whether the ground can give what a robot that stands takes: (B1)-(B5).
+"""Whether the ground can give what a robot that stands takes, by bounds of its wrench
+on a whole braking path: (B1)-(B5) of `docs/theory/balance.md`.
 
-The base of the robot is fixed, and stands on the ground by soles. The ground pushes it
-with the wrench
+At q + u T q_dot a robot that has the share kappa of its velocity left, and brakes with
+a share a of q_dot / T, needs the wrench [moment about the world's origin; force]
 
-    w(q, q_dot, q_ddot) = [moment about the world's origin; force],
+    w(u, kappa, a) = weight(u) + (kappa^2 turning(u) - a momentum(u)) / T^2.      (B1)
 
-by Newton and Euler that of all masses: sum m [x x (x_ddot + g e_z); x_ddot + g e_z]. It
-can give those of a cone K = {w : R w <= 0}, see `robot.soles`.
-
-From (q, q_dot) the robot may brake with q_ddot = -q_dot / T. On its braking path, at
-q + u T q_dot, it then has a share kappa of its velocity and brakes with a share a of
-q_dot / T. With x = T q_dot and h = period / T,
-
-    w(u, kappa, a) = weight(u) + (kappa^2 turning(u) - a momentum(u)) / T^2,      (B1)
-
-where `weight` is m g at the centre of mass, `turning` what velocities x alone take
-(centripetal and gyroscopic), and `momentum` that of the velocities x. A state is
-*balanced* if (B1) is in K for all
+The ground can give a cone K = {w : R w <= 0}, see `robot.soles`. With h = period / T a
+state is *balanced* if (B1) is in K for all
 
     0 <= u <= 1,  0 <= kappa <= 1 - u,  kappa <= a <= min(1, kappa / (1 - h)).    (B2)
-
-Braking leads through these alone, and from one of them to a state whose (B2) is among
-them: `docs/theory/balance.md` has the proof.
 """
 
 from typing import NamedTuple
@@ -29,10 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.law.compilation import Held, compiled
-from crar_drake.law.masses import Masses
+from crar_drake.law.dynamics import Masses, wrench_slopes, wrenches
 from crar_drake.law.prediction import state_within
 from crar_drake.law.vectors import dot, times
-from crar_drake.law.wrenches import wrench_slopes, wrenches
 
 # More pieces of a path than this are not worth their time, a power of 2; a path that
 # would need more is taken for less balanced than it is.

@@ -7,6 +7,7 @@ obstacles that move and the ground, by the model and the parameters.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from crar_drake.errors import ScenarioError
 from crar_drake.law.approach import Approach
 from crar_drake.law.compilation import hold
 from crar_drake.law.ground import Ground
-from crar_drake.law.limits import Limits
+from crar_drake.law.limits import Limits, is_within
 from crar_drake.law.measured import fastest_asked
 from crar_drake.law.motors import Motors
 from crar_drake.law.obstacles import Regions
@@ -22,14 +23,7 @@ from crar_drake.law.pairs import Pairs
 from crar_drake.law.parameters import LEAST_PERIODS, LookaheadParameters
 from crar_drake.law.spheres import MovingSpheres
 from crar_drake.law.step import SCALED, Constraint, State, Step, step
-from crar_drake.law.tracking_error import (
-    check_rest_posture,
-    check_slides,
-    distance_losses,
-    joint_errors,
-    narrowed_limits,
-    thickened,
-)
+from crar_drake.law.tracking_error import joint_errors, narrowed_limits, thickened
 from crar_drake.robot.balls import find_balls
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
@@ -46,12 +40,22 @@ class Braking:
     regions: Regions | None = None
 
 
+class Taken(NamedTuple):
+    """The step of a robot, and what is known of it."""
+
+    step: Step
+    clear: bool  # whether nothing is violated where it began, nor on the path there
+    clearance: float  # no watched distance is smaller on the braking path after it [m]
+    braking: Braking  # for the next step
+
+
 class RobotConstraints:
     """The constraints of a robot, in the order in which they are asked.
 
     Attributes:
         T: braking time constant wherever nothing asks for another [s].
         errors: (nv,) how far joints may be from their commands [rad or m].
+        fastest: that q_s is asked to move in any joint [rad/s or m/s].
         pairs, limits: always there.
         motors, ground: None where nothing limits motors, or nobody stands.
         all: a list, to which a user may append others; moving obstacles come last.
@@ -95,13 +99,10 @@ class RobotConstraints:
             *(model.joints, model.pairs, model.order),
             *(plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()),
         )
-        losses, robot = np.zeros(len(model.pairs.pair_of_shapes)), model.robot
+        robot, losses = model.robot, np.zeros(len(model.pairs.pair_of_shapes))
         if errors.any():
-            check_slides(errors, reaches, model)
-            losses = distance_losses(errors, reaches)
-            check_rest_posture(robot, losses, gains.safety_distance, model)
-            robot = thickened(robot, losses)
-        self._approach = approach
+            robot, losses = thickened(errors, reaches, gains.safety_distance, model)
+        self._approach, self.fastest = approach, approach.fastest
         self.pairs = Pairs(
             *(robot, hold(reaches), find_balls(model, losses)),
             [model.pairs.names[i] for i in model.pairs.pair_of_shapes],
@@ -117,16 +118,8 @@ class RobotConstraints:
             self.motors = Motors(model, efforts)
             self.all.append(self.motors)
         if gains.balance is not None:
-            soles = gains.balance
-            self.ground = Ground(
-                model, self.T, self.period, soles.friction, soles.margin
-            )
+            self.ground = Ground(model, self.T, self.period, gains.balance)
             self.all.append(self.ground)
-
-    @property
-    def fastest(self) -> float:
-        """How fast the place where the robot comes to rest is asked to move [rad/s]."""
-        return self._approach.fastest
 
     def compile(self, q: np.ndarray, v: np.ndarray) -> None:
         """Compiles what only some steps need, by such ones from a state (nv,), (nv,)
@@ -158,6 +151,10 @@ class RobotConstraints:
     ) -> State:
         """The state of a step, with the T that is best for it.
 
+        T is that of the step before, or the next that will do; it grows only onto a
+        braking path that every constraint finds safe. On the ground it is fixed, and
+        among obstacles, but where it has yet to come there.
+
         Args:
             q, v: (nv,), (nv,) positions and velocities, controlled joints first.
             before: of the step before, if the robot did as it was told.
@@ -167,24 +164,15 @@ class RobotConstraints:
             *(q, v, self.model.n, before.T or self.T, self.period, self.plant_step),
             *(nominal, before.known, prescribed_acceleration, keep_rows, along),
         )
-        self._choose(state, before)
-        return state
-
-    def _choose(self, state: State, before: Braking) -> None:
-        """Gives the state T: that of the step before, or the next that will do.
-
-        T grows only onto a braking path that every constraint finds safe. On the ground
-        it is fixed, and among obstacles, but where it has yet to come there.
-        """
-        T, known = before.T, state.known
+        T, known = before.T, before.known
         if self.ground is not None or (T == self.T and before.regions is not None):
             state.take_T(self.T, known and T == self.T)
-            return
+            return state
         if self.motors is None and T >= self.T:
-            return
+            return state
 
         def is_safe(longer: float) -> bool:
-            at = state.q, state.v, longer
+            at = q, v, longer
             return self.limits.is_safe(*at, before.T) and all(
                 each.is_safe(*at) for each in self.all if each is not self.limits
             )
@@ -198,7 +186,7 @@ class RobotConstraints:
                 T, known = longer, True
         state.take_T(T or self.T, known)
         if self.motors is None or len(self._choices) == 1:
-            return
+            return state
         T, among = state.T, before.regions is not None
         choices = [x for x in self._choices if x >= min(T, self.T)]
         if among and T > self.T:
@@ -212,24 +200,24 @@ class RobotConstraints:
         )
         if chosen != T:
             state.take_T(chosen, known or chosen > T)
+        return state
 
-    def step(self, state: State, regions: Regions | None) -> tuple[Step, Braking]:
-        """The step of a state, and what it leaves to the next.
-
-        Args:
-            state: of `state`.
-            regions: where obstacles are taken to be; None without any.
-        """
-        if regions is None:
-            found = step(state, self.all)
-            return found, Braking(state.T, self.pairs.present_is_clear)
-        if state.T != self.T:  # over which alone anything is shown of obstacles
-            regions = replace(regions, clear=np.zeros_like(regions.clear))
-        self.among.place(regions)
-        found = step(state, [*self.all, self.among])
-        unknown = state.T != self.T or (found.how == SCALED and found.share == 0.0)
-        later = regions.later(self.period, self.among.clear_after(unknown))
-        return found, Braking(state.T, self.pairs.present_is_clear, later)
+    def step(self, state: State, before: Braking) -> Taken:
+        """The step of a state of `state`, and what is known after the one before."""
+        pairs, regions, constraints = self.pairs, before.regions, self.all
+        if regions is not None:
+            if state.T != self.T:  # over which alone anything is shown of obstacles
+                regions = replace(regions, clear=np.zeros_like(regions.clear))
+            self.among.place(regions)
+            constraints = [*constraints, self.among]
+        found = step(state, constraints)
+        if regions is not None:
+            unknown = state.T != self.T or (found.how == SCALED and found.share == 0.0)
+            regions = regions.later(self.period, self.among.clear_after(unknown))
+        clear = self.is_clear(state.q, pairs.present_is_clear, before.regions)
+        clearance = float(found.clearances.get(pairs.name, pairs.least_kept))
+        left = Braking(state.T, pairs.present_is_clear, regions)
+        return Taken(found, clear, clearance, left)
 
     def is_clear(self, q: np.ndarray, known: bool, regions: Regions | None) -> bool:
         """Whether nothing is violated where a step began.
@@ -239,9 +227,5 @@ class RobotConstraints:
             known: whether its braking path is known to keep the safety distance.
             regions: where obstacles are taken to be; None without any.
         """
-        clear = known and self.limits.are_kept(q)
+        clear = known and is_within(q, *self.limits.kept)
         return clear and (regions is None or bool(regions.clear.all()))
-
-    def clearance(self, found: Step) -> float:
-        """No watched distance is smaller on the braking path after a step [m]."""
-        return float(found.clearances.get(self.pairs.name, self.pairs.least_kept))

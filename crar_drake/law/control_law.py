@@ -9,49 +9,80 @@ goes on: `ControlLaw.hold`, or `ControlLaw.torque` in a user's own loop.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.errors import InputError, ModelError, ScenarioError
 from crar_drake.law.blending import smooth_step
 from crar_drake.law.constraints import Braking, RobotConstraints
-from crar_drake.law.measured import MeasuredStates
+from crar_drake.law.measured import (
+    Lateness,
+    MeasuredStates,
+    check_finite,
+    is_finite,
+    watch_lateness,
+)
 from crar_drake.law.motors import Motors, clip_torque, share_of_nominal
 from crar_drake.law.obstacles import Obstacles
-from crar_drake.law.paper import Gains, PaperLaw
+from crar_drake.law.paper import PaperLaw
 from crar_drake.law.parameters import LookaheadParameters, Parameters
 from crar_drake.law.plan import Plan, posture_near_limits
 from crar_drake.law.prediction import state_ahead
-from crar_drake.law.records import (
+from crar_drake.law.references import Nominal, Targets, TaskGains, TaskLaw
+from crar_drake.law.solution import (
     STATUS_BLENDING,
     STATUS_BRAKING,
     STATUS_IMPLAUSIBLE,
     STATUS_TRACKING,
-    InputError,
-    Memory,
+    STATUS_WORDS,
     Solution,
-    check_finite,
 )
-from crar_drake.law.references import Nominal, Targets, TaskGains, TaskLaw
 from crar_drake.law.spheres import MovingSpheres
-from crar_drake.law.step import AS_NOMINAL, State, Step, step
-from crar_drake.law.vectors import is_finite
+from crar_drake.law.step import AS_NOMINAL, State, step
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
+_BLENDED = 1.0, 0.0, 0.0  # of `smooth_step`, once it is over
 # A robot that is off its command by less is where it was told to be [rad or m, per
 # second]: what was shown of the command holds, for the safety distance has it to spare.
 _AS_TOLD = 1e-6
-_STATUS = {
-    status: np.array([status])
-    for status in (
-        *(STATUS_TRACKING, STATUS_BLENDING),
-        *(STATUS_BRAKING, STATUS_IMPLAUSIBLE),
-    )
-}
+_STATUS = {status: np.array([status]) for status in STATUS_WORDS}
+
+
+@dataclass(slots=True)
+class Memory:
+    """What one control step leaves to the next; never changed in place."""
+
+    tick: int = -1  # number of the control step; -1 before the first
+    # which torque tick of the control period the solution's torque is of; 0 is the
+    # control step itself
+    torque_tick: int = 0
+    # its results, whose accelerations are held; None before the first
+    solution: Solution | None = None
+    # what was measured, with velocities that were believed; where the robot brakes
+    # without targets, those that it should have a period on. None before the first
+    # step.
+    q: np.ndarray | None = None  # (nq,)
+    v: np.ndarray | None = None  # (nv,)
+    # `Nominal.kept`, for the next step; None where that may not build on this one's
+    # accelerations: the robot braked without targets, or a run began between two
+    # control ticks
+    kept: np.ndarray | None = None
+    start_time: float | None = None  # when blending began [s], None if it has yet to
+    # what was measured then, as `Targets.start`; None if it has yet to begin
+    start: np.ndarray | None = None
+    braking: Braking = Braking()  # what is known of the next state's braking path
+    # accelerations (nv,) that were commanded, the newest first; as many as
+    # `Shared.latency` and `lateness` need
+    sent: tuple[np.ndarray, ...] = ()
+    # how late states are; None where nobody looks for it
+    lateness: Lateness | None = None
+
+    def __deepcopy__(self, memo: dict) -> Memory:
+        return self  # Drake copies states often; nothing here is ever changed.
 
 
 class ControlLaw:
@@ -110,23 +141,14 @@ class ControlLaw:
             *(float(of_paper.K), float(of_paper.Kp), float(of_paper.velocity_gain)),
             *(stiffness, weights),
         )
-        # A plan is stiff: a lag that nobody has told of is looked for.
-        of = model, self._period, float(gains.latency), self._plans
-        self._measured = MeasuredStates(*of)
+        of = model, self._period, float(gains.latency)
+        self._measured = MeasuredStates(*of, self._plans)
         self._nominal: TaskLaw
         if self._plans:
-            of = self._constraints
-            self._nominal = Plan(
-                *(model, of.pairs.shapes, ahead, tasks),
-                (of.limits.lower, of.limits.upper),
-                *(None if of.motors is None else of.motors.plan_rows, self._period),
-            )
+            self._nominal = Plan(model, self._constraints, ahead, tasks)
         else:
-            self._nominal = PaperLaw(
-                *(model, tasks, Gains.of(of_paper, self._period, len(model.pairs))),
-                constrained=gains.constraints != "none",
-                with_inertia=of_paper.metric == "inertia",
-            )
+            constrained = gains.constraints != "none"
+            self._nominal = PaperLaw(model, tasks, of_paper, self._period, constrained)
         self.reset()
 
     @cached_property
@@ -311,10 +333,13 @@ class ControlLaw:
             ScenarioError: the robot or the parameters do not go with obstacles.
             FloatingPointError: an overflow.
         """
-        model = self.model
+        model, measured = self.model, self._measured
         before = memory if tick == memory.tick + 1 else Memory()
-        measured = self._measured
-        lateness = measured.watch(before.lateness, v, before.v, before.sent)
+        lateness = None
+        if self._plans:  # which is stiff; one glitch would outweigh all else for long
+            seen = measured.believed(v, before.v)
+            of = before.sent, measured.told, self._period
+            lateness = watch_lateness(before.lateness, seen, *of)
         q, v = measured.now(before.sent, lateness, self._period, q, v)
         believed = measured.believed(v, before.v) if self._safe else v
         model.plant.SetPositionsAndVelocities(
@@ -325,19 +350,28 @@ class ControlLaw:
         start_time, start = memory.start_time, memory.start
         came = before.q is None or not self._safe
         came = came or measured.way(before.q, before.v, q, v)
+        finite = all(map(is_finite, targets[:3]))
         if believed is not v or not came:
             status = STATUS_IMPLAUSIBLE
-        elif not self._usable(targets, time):
+        elif not finite:
+            if not self._safe:
+                for name, value in zip(self.target_names, targets[:3], strict=True):
+                    check_finite(name, value, time)
             status = STATUS_BRAKING
         else:
             if start is None:
                 here = model.tasks_at(q)[: model.layout.size_x]
                 start = np.concatenate((here, q[model.prescribed_positions]))
                 start_time = time
-            blend = smooth_step(time - start_time, self._blend_time)
-            if blend[0] < 1.0:
-                status = STATUS_BLENDING
-            targets = self._blended(targets, q, start, blend)
+            since, blend, posture = time - start_time, _BLENDED, targets.posture
+            if not len(posture):
+                posture = self.default_posture(q)
+            if since < self._blend_time:
+                status, blend = STATUS_BLENDING, smooth_step(since, self._blend_time)
+                if self.has_posture:  # as the targets, lest the first step be a jerk
+                    here = q[model.controlled_positions]
+                    posture = here + blend[0] * (posture - here)
+            targets = Targets(*targets[:2], posture, start, blend)
             nominal = self._nominal(workspace, q, v, targets, before.kept)
             if not is_finite(nominal.vdot):
                 # A quaternion of zero length is a number, but no orientation.
@@ -347,7 +381,7 @@ class ControlLaw:
                         "the solver; are positions, velocities or targets beyond all "
                         "sense?"
                     )
-                if not self.brakes_without_targets:
+                if not self._safe:
                     raise InputError(
                         "desired_tasks has a quaternion of zero length at t = "
                         f"{time:g} s; give unit quaternions (w, x, y, z), see "
@@ -356,7 +390,9 @@ class ControlLaw:
                 status, nominal = STATUS_BRAKING, None
         going_on = nominal is not None
         if not going_on:
-            nominal = self._braking(believed, braking)
+            vdot = -believed[model.order] / (braking.T or self._constraints.T)
+            unknown, nothing = np.full(model.m, np.nan), np.zeros(model.n)
+            nominal = Nominal(vdot, unknown, np.ones(model.n), nothing, _NOTHING)
         solution, braking = self._solved(
             workspace, q, believed, nominal, braking, going_on
         )
@@ -395,26 +431,6 @@ class ControlLaw:
             regions = self.among.regions(regions, obstacles, *at)
         return replace(known, regions=regions)
 
-    def _blended(
-        self, targets: Targets, q: np.ndarray, start: np.ndarray, blend: tuple
-    ) -> Targets:
-        """The targets of a step, with a nominal posture."""
-        posture = targets.posture
-        if not len(posture):
-            posture = self.default_posture(q)
-        if self.has_posture and blend[0] < 1.0:
-            # As the targets, lest the first step be a jerk.
-            here = q[self.model.controlled_positions]
-            posture = here + blend[0] * (posture - here)
-        return Targets(targets.tasks, targets.prescribed, posture, start, blend)
-
-    def _braking(self, v: np.ndarray, before: Braking) -> Nominal:
-        """q_ddot = -q_dot / T, of all joints."""
-        model = self.model
-        T = before.T or self._constraints.T
-        unknown, nothing = np.full(model.m, np.nan), np.zeros(model.n)
-        return Nominal(-v / T, unknown, np.ones(model.n), nothing, _NOTHING)
-
     def _solved(
         self,
         workspace: Workspace,
@@ -432,33 +448,36 @@ class ControlLaw:
             going_on: else the nominal is braking, over whatever T will do.
         """
         model, n = self.model, self.model.n
-        vdot, how, found = nominal.vdot, {}, None
+        taken = asked = nominal.vdot
+        how, found, braking = {}, None, before
         at, rate = model.in_order(q, v)
-        (_, asked) = model.in_order(q, vdot)
 
         def s_0(T: float) -> np.ndarray:
             if not going_on:
                 return np.zeros(n)
             s = rate[:n] + T * asked[:n]
-            if self._plans:
+            if self._plans or not self._safe:
                 return s
             # Feedback may ask for more than the speed that q_s is to move at most.
             fastest, limit = np.abs(s).max(), self._constraints.fastest
             return s if fastest <= limit else (limit / fastest) * s
 
-        braking, state = before, None
         if self._safe:
             state = self._constraints.state(
                 *(at, rate, before, s_0, asked[n:]), keep_rows=True, along=not going_on
             )
-            found, braking = self._constraints.step(state, before.regions)
-            how = self._reported(found, state, before)
+            found, clear, clearance, braking = self._constraints.step(state, before)
+            admitted = found.how, found.share
+            how["admission"] = np.array([*admitted, clearance, float(clear)])
+            how["T"] = np.array([state.T])
+            if (ground := self._constraints.ground) is not None:
+                if ground.name not in found.objections:
+                    admitted = AS_NOMINAL, 1.0
+                left = found.clearances.get(ground.name, 0.0)
+                how["balance"] = np.array([*admitted, left])
         elif self._motors is not None:
-            T = self.parameters.T
-            state = State(
-                *(at, rate, n, T, self._period, min(self._plant_step, self._period)),
-                *(lambda T: rate[:n] + T * asked[:n], False, asked[n:]),
-            )
+            times = self.parameters.T, self._period, min(self._plant_step, self._period)
+            state = State(at, rate, n, *times, s_0, False, asked[n:])
             state.desired = state.whole(state.nominal)
             found = step(state, [self._motors])
         share = 1.0
@@ -466,7 +485,8 @@ class ControlLaw:
             taken = (found.s - rate) / state.T
             if self._motors is not None and self._motors.name in found.objections:
                 share = share_of_nominal(taken, asked, rate[:n], state.T)
-            _, vdot = model.in_plant(at, taken)
+        vdot = np.empty_like(taken)
+        vdot[model.order] = taken
         actuation = model.inverse_dynamics(workspace, vdot)
         excess = 0.0
         if self._limits_efforts:
@@ -490,30 +510,6 @@ class ControlLaw:
             measured=(model, q),
         )
         return solution, braking
-
-    def _reported(
-        self, found: Step, state: State, before: Braking
-    ) -> dict[str, np.ndarray]:
-        """The diagnostics of a safe step."""
-        of = self._constraints
-        clear = of.is_clear(state.q, of.pairs.present_is_clear, before.regions)
-        how = np.array([found.how, found.share, of.clearance(found), float(clear)])
-        reported = {"admission": how, "T": np.array([state.T])}
-        if of.ground is not None:
-            check = found.objections.get(of.ground.name)
-            left = found.clearances.get(of.ground.name, 0.0)
-            own = (found.how, found.share) if check is not None else (AS_NOMINAL, 1.0)
-            reported["balance"] = np.array([*own, left])
-        return reported
-
-    def _usable(self, targets: Targets, time: float) -> bool:
-        """Whether targets are finite; raises InputError where that is an error."""
-        tasks, prescribed, posture = targets[:3]
-        finite = is_finite(tasks) and is_finite(prescribed) and is_finite(posture)
-        if not finite and not self.brakes_without_targets:
-            for name, value in zip(self.target_names, targets[:3], strict=True):
-                check_finite(name, value, time)
-        return finite
 
     def hold(
         self,
@@ -549,11 +545,6 @@ class ControlLaw:
             torque_limit = np.array([torque_limit[0], excess])
         solution = replace(solved, actuation=actuation, torque_limit=torque_limit)
         return replace(memory, torque_tick=torque_tick, solution=solution)
-
-    @property
-    def brakes_without_targets(self) -> bool:
-        """Whether a NaN in the targets makes the robot brake, not raise."""
-        return self._safe
 
 
 def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:

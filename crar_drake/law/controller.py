@@ -17,20 +17,18 @@ from pydrake.systems.framework import (
 )
 
 from crar_drake.errors import InputError, few, tell
-from crar_drake.law.control_law import ControlLaw
-from crar_drake.law.obstacle_port import ObstaclePort
+from crar_drake.law.control_law import ControlLaw, Memory
+from crar_drake.law.measured import check_finite, is_finite
+from crar_drake.law.obstacles import NO_PORT, Obstacles, checked_speeds
 from crar_drake.law.parameters import LookaheadParameters, Parameters
-from crar_drake.law.records import (
+from crar_drake.law.references import Targets
+from crar_drake.law.solution import (
     GUARANTEED,
     PARTS,
     PROMISES,
     STATUS_IMPLAUSIBLE,
-    Memory,
     Solution,
-    check_finite,
 )
-from crar_drake.law.references import Targets
-from crar_drake.law.vectors import is_finite
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
@@ -48,6 +46,7 @@ _CONNECTED = {
     "desired_acceleration": True,
     "position_command": True,
 }
+_ATTRIBUTES = {name: name for name in PARTS} | {"desired_acceleration": "acceleration"}
 
 
 @dataclass(slots=True)
@@ -116,7 +115,7 @@ class CrarController(LeafSystem):
             (4,), balance (3,), T (1,).
         promise: (1,) 0 if watched pairs stay apart and joints within their limits, else
             what is missing, by its number; `diagnostics` has the word, "guaranteed" or
-            another one of `law.records.PROMISES`.
+            another one of `law.solution.PROMISES`.
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises
@@ -181,6 +180,7 @@ class CrarController(LeafSystem):
 
         self._nq, nv = model.plant.num_positions(), model.plant.num_velocities()
         self._locked = [] if self.border is None else [*self.border.locked.values()]
+        self._speeds = checked_speeds(self.get_name(), obstacle_speeds)
         self._inputs = {
             name: self.DeclareVectorInputPort(name, size)
             for name, size in (
@@ -188,14 +188,12 @@ class CrarController(LeafSystem):
                 ("desired_tasks", model.layout.size),
                 ("desired_prescribed", 3 * model.n_p),
                 ("nominal_posture", model.n * self.law.has_posture),
+                ("obstacles", 4 * len(self._speeds)),
+                ("locked_positions", len(self._locked)),
             )
             if size
         }
-        self._obstacles = ObstaclePort(self, obstacle_speeds)
-        if self._locked:
-            port = self.DeclareVectorInputPort("locked_positions", len(self._locked))
-            self._inputs["locked_positions"] = port
-        if self._obstacles and safe:
+        if len(self._speeds) and safe:
             self.law.among  # noqa: B018 (what does not go with them is refused now)
 
         nothing_yet, still = Memory(), np.zeros(nv)
@@ -268,9 +266,7 @@ class CrarController(LeafSystem):
         Raises:
             InputError: no joint is prescribed.
         """
-        if "desired_prescribed" not in self._inputs:
-            raise InputError(f"{self.get_name()}: no joint is prescribed")
-        return self._inputs["desired_prescribed"]
+        return self._InputPort("desired_prescribed", "no joint is prescribed")
 
     def get_input_port_nominal_posture(self) -> InputPort:
         """Port (n,), may be left open.
@@ -278,12 +274,8 @@ class CrarController(LeafSystem):
         Raises:
             InputError: the law has none: the paper's, or one whose `posture_gain` is 0.
         """
-        if "nominal_posture" not in self._inputs:
-            raise InputError(
-                f"{self.get_name()}: the law draws to no posture: give "
-                "LookaheadParameters(posture_gain=...)"
-            )
-        return self._inputs["nominal_posture"]
+        none = "the law draws to no posture: give LookaheadParameters(posture_gain=...)"
+        return self._InputPort("nominal_posture", none)
 
     def get_input_port_obstacles(self) -> InputPort:
         """Port (4 N,), may be left open: [x; y; z; radius] of each obstacle now.
@@ -291,7 +283,12 @@ class CrarController(LeafSystem):
         Raises:
             InputError: the controller was made without `obstacle_speeds`.
         """
-        return self._obstacles.port
+        return self._InputPort("obstacles", NO_PORT)
+
+    def _InputPort(self, name: str, why_not: str) -> InputPort:
+        if name not in self._inputs:
+            raise InputError(f"{self.get_name()}: {why_not}")
+        return self._inputs[name]
 
     def get_output_port_actuation(self) -> OutputPort:
         """Port (nu,): efforts [Nm or N]."""
@@ -340,7 +337,7 @@ class CrarController(LeafSystem):
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
         solution = self._EvalSolution(context)
-        parts = [solution.part(name) for name in PARTS]
+        parts = [getattr(solution, name) for name in _ATTRIBUTES.values()]
         promise = [self._Promise(context, solution)]
         output.SetFromVector(np.concatenate([*parts, promise]))
 
@@ -358,18 +355,21 @@ class CrarController(LeafSystem):
         return float(missing.index(True) + 1 if any(missing) else GUARANTEED)
 
     def _MakeOutputCalc(self, name: str):
+        attribute = _ATTRIBUTES[name]
+
         def calc(context: Context, output: BasicVector) -> None:
             if _CONNECTED[name]:
-                solution = self._GetHeld(context).solution or self._start
+                held = context.get_abstract_state(self._held_index).get_value()
+                solution = held.solution or self._start
             else:
                 solution = self._EvalSolution(context)
-            output.SetFromVector(solution.part(name))
+            output.SetFromVector(getattr(solution, attribute))
 
         return calc
 
     def _EvalSolution(self, context: Context) -> Solution:
         """The held solution, or that of a tick whose update has not come yet."""
-        held = self._GetHeld(context)
+        held = context.get_abstract_state(self._held_index).get_value()
         now, then = self._Tick(context.get_time()), (held.tick, held.torque_tick)
         newer = now > then and self._plant_step > 0.0
         # An older tick: the user set the time back.
@@ -384,7 +384,7 @@ class CrarController(LeafSystem):
     def _CalcStep(self, context: Context, value: AbstractValue) -> None:
         time = context.get_time()
         tick, torque_tick = self._Tick(time)
-        held = self._GetHeld(context)
+        held = context.get_abstract_state(self._held_index).get_value()
         x = self._EvalPort("estimated_state", context)
         if not is_finite(x):
             check_finite(self._named("estimated_state"), x, time)
@@ -403,7 +403,8 @@ class CrarController(LeafSystem):
             self._EvalPort("desired_prescribed", context),
             self._EvalPort("nominal_posture", context, may_be_open=True),
         )
-        obstacles = self._obstacles.Eval(context)
+        spheres = self._EvalPort("obstacles", context, may_be_open=True)
+        obstacles = Obstacles.of_port(spheres, self._speeds) if len(spheres) else None
         solve.memory = self.law.solve(
             workspace, memory, tick, time, q, v, targets, obstacles
         )
@@ -451,9 +452,6 @@ class CrarController(LeafSystem):
             if port.HasValue(context):
                 raise
             raise InputError(f"{self._named(name)} is not connected") from error
-
-    def _GetHeld(self, context: Context) -> Memory:
-        return context.get_abstract_state(self._held_index).get_value()
 
     def _Tick(self, time: float) -> tuple[int, int]:
         """Number of the control tick, and of the torque tick since then."""

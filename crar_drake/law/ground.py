@@ -13,12 +13,9 @@ Rows (B5): linear about what was examined, of each face of K that is near.
 import numpy as np
 
 from crar_drake.errors import ModelError, ScenarioError
-from crar_drake.law.balance import (
-    BalanceLaw,
-    balance_level,
-    examine_balance,
-)
+from crar_drake.law.balance import BalanceLaw, balance_level, examine_balance
 from crar_drake.law.compilation import hold
+from crar_drake.law.parameters import BalanceParameters
 from crar_drake.law.projection import Rows, hard_rows, stacked
 from crar_drake.law.step import SafetyCheck, State
 from crar_drake.robot.model import ControlModel
@@ -45,16 +42,14 @@ class Ground:
     name = "ground"
 
     def __init__(
-        self, model: ControlModel, T: float, period: float, friction: float,
-        margin: float,
-    ) -> None:  # fmt: skip
+        self, model: ControlModel, T: float, period: float, soles: BalanceParameters
+    ) -> None:
         """
         Args:
             model: of the robot, its base fixed.
             T: braking time constant [s].
             period: of the controller [s].
-            friction: coefficient between soles and ground that may be used.
-            margin: that the hull of all soles is taken smaller by at each edge [m].
+            soles: margin and friction.
 
         Raises:
             ModelError: the robot has no soles, or they move.
@@ -77,7 +72,7 @@ class Ground:
                 "of a robot that stands; say hold"
             )
         masses = masses_on_soles(model)
-        cone = ground_cone(sole_corners(model), friction, margin)
+        cone = ground_cone(sole_corners(model), soles.friction, soles.margin)
         self.weight = float(masses.inertia[:, 3, 3].sum() * masses.g)
         self._model, self._T = model, T
         self._law = hold(
@@ -93,7 +88,7 @@ class Ground:
             raise ScenarioError(
                 f"controller.balance: robot {description.name} is not balanced in its "
                 "rest posture: its centre of mass is not over the soles, less a margin "
-                f"of {1e3 * margin:g} mm; change the posture, or the margin"
+                f"of {1e3 * soles.margin:g} mm; change the posture, or the margin"
             )
 
     def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:

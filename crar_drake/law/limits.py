@@ -13,7 +13,7 @@ comes back, outside of it how fast it may come near, (L7), if there is such a ra
 import numpy as np
 
 from crar_drake.law.approach import SHARE_OF_RANGE, Approach
-from crar_drake.law.compilation import compiled
+from crar_drake.law.compilation import Held, compiled, hold
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
 
@@ -29,6 +29,7 @@ class Limits:
     Attributes:
         lower, upper: (n,) joint limits, infinite where there is none [rad or m].
         fastest: (n,) speed limits, infinite where there is none [rad/s or m/s].
+        kept: (n,), (n,) from where on joints are beyond their limits [rad or m].
     """
 
     name = "joint limit"
@@ -40,30 +41,12 @@ class Limits:
         fastest: np.ndarray,
         approach: Approach,
     ) -> None:
-        """
-        Args:
-            lower, upper, fastest: as of the attributes.
-            approach: of the rows.
-        """
+        """With the numbers of the rows, and the others as of the attributes."""
         self.lower, self.upper, self.fastest = lower, upper, fastest
-        self._beyond = lower - _AT_LIMIT, upper + _AT_LIMIT
-        kappa = approach.limit_approach_rate
-        self._approach = (
-            float(approach.limit_margin if np.isfinite(kappa) else 0.0),
-            *(float(approach.retreat_rate), float(approach.joint_retreat_speed)),
-            float(kappa),
-        )
+        self.kept = lower - _AT_LIMIT, upper + _AT_LIMIT
+        self._approach = hold(approach)
         unit = np.eye(len(lower))
         self._g = np.concatenate((unit, -unit))
-
-    def beyond(self, q: np.ndarray) -> np.ndarray:
-        """(n,) how far joints at q (n,) are beyond a limit [rad or m]; less than 0
-        within."""
-        return np.maximum(self.lower - q, q - self.upper)
-
-    def are_kept(self, q: np.ndarray) -> bool:
-        """Whether joints at q (nv,) are within their limits."""
-        return is_within(q, *self._beyond)
 
     def is_safe(
         self, q: np.ndarray, v: np.ndarray, T: float, known: float = 0.0
@@ -83,13 +66,13 @@ class Limits:
             *(state.q[:n], state.v[:n], self.lower, self.upper, self.fastest),
             *(state.T, state.period, state.plant_step),
         )
-        state.keep_rows |= not self.are_kept(state.q)
+        state.keep_rows |= not is_within(state.q, *self.kept)
 
     def rows(self, state: State) -> Rows:
         n = state.n
         least = limit_rows(
             *(state.q[:n], state.v[:n], self.lower, self.upper),
-            *(state.lowest, state.highest, state.T, *self._approach),
+            *(state.lowest, state.highest, state.T, self._approach),
         )
         return hard_rows(self._g, least)
 
@@ -114,21 +97,21 @@ def limit_rows(
     lowest: np.ndarray,
     highest: np.ndarray,
     T: float,
-    most: float,
-    gamma: float,
-    speed: float,
-    kappa: float,
+    approach: Held,
 ) -> np.ndarray:
     """(2n,) the least of s and of -s: the bounds (n,) each, and `least_rate` of how far
-    a joint would rest from its limits."""
-    n = len(q)
-    least = np.empty(2 * n)
+    a joint would rest from its limits; `approach` holds an `Approach`."""
+    n, a = len(q), approach.value
+    least, kappa = np.empty(2 * n), a.limit_approach_rate
     for i in range(n):
-        end, margin = q[i] + T * v[i], min(most, SHARE_OF_RANGE * (upper[i] - lower[i]))
+        end = q[i] + T * v[i]
+        margin = min(a.limit_margin, SHARE_OF_RANGE * (upper[i] - lower[i]))
         least[i], least[n + i] = lowest[i], -highest[i]
         for at, h in ((i, end - lower[i]), (n + i, upper[i] - end)):
             if h < margin:
-                least[at] = max(least[at], min(gamma * (margin - h), speed))
+                least[at] = max(
+                    least[at], min(a.retreat_rate * (margin - h), a.joint_retreat_speed)
+                )
             elif kappa < np.inf:
                 least[at] = max(least[at], kappa * (margin - h))
     return least

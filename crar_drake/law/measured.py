@@ -1,5 +1,7 @@
 """The state that a step answers: of what was measured, what a robot can have, now.
 
+*Finite*, or an error names what is not.
+
 *Plausible.* A sensor's glitch, another unit, or an index that is off by one give states
 that no robot has. A law that believes them asks for torques that no motor has, either.
 
@@ -23,6 +25,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from crar_drake.errors import InputError
+from crar_drake.law.compilation import compiled
 from crar_drake.law.prediction import state_ahead
 from crar_drake.robot.joints import joint_units
 from crar_drake.robot.model import ControlModel
@@ -46,6 +50,29 @@ _WINDOW, _FIRST = 0.2, 8
 # is missing with that must be more than this [rad/s or m/s].
 _CLEARLY, _NOTICED = 0.25, 0.01
 _ROUNDING = 1e-9  # of a period: so little more is none
+
+
+@compiled
+def is_finite(x: np.ndarray) -> bool:
+    """Whether no entry of x (n,) is NaN or infinite, without asking each.
+
+    A sum of squares is finite unless an entry is not, or is beyond all sense.
+    """
+    s = 0.0
+    for i in range(len(x)):
+        s += x[i] * x[i]
+    return math.isfinite(s)
+
+
+def check_finite(name: str, value: np.ndarray, time: float) -> None:
+    """Raises InputError, with the port or argument and the time, on NaN or inf."""
+    if not np.isfinite(value).all():
+        bad = np.flatnonzero(~np.isfinite(value))
+        raise InputError(
+            f"{name} has a NaN or infinite value at t = {time:g} s "
+            f"(entries {', '.join(map(str, bad[:8]))}"
+            f"{', ...' if len(bad) > 8 else ''}); check what is connected to it"
+        )
 
 
 def fastest_believed(model: ControlModel) -> np.ndarray:
@@ -118,6 +145,7 @@ class MeasuredStates:
     Attributes:
         num_sent: how many commands are to be remembered: those whose effect a late
             state does not show yet, and by which an unknown lag is seen.
+        told: the lag that is known, in periods [1].
     """
 
     def __init__(
@@ -131,8 +159,9 @@ class MeasuredStates:
             watches: whether another lag is looked for.
         """
         self._model, self._period, self._latency = model, period, latency
-        self._plant_step, self._watches = float(model.plant.time_step()), watches
-        late = latency / period * (1.0 - _ROUNDING)
+        self._plant_step = float(model.plant.time_step())
+        self.told = latency / period
+        late = self.told * (1.0 - _ROUNDING)
         self.num_sent = math.ceil(late) + 1 if late else 0
         if watches:
             self.num_sent = math.ceil(late) + round(LATEST / period) + 2
@@ -173,20 +202,6 @@ class MeasuredStates:
             moved[turns] = np.minimum(there, 2.0 * np.pi - there)
         fastest = np.maximum(np.abs(v[self._v]), np.abs(v0[self._v]))
         return bool((moved <= self._period * fastest + self._jump).all())
-
-    def watch(
-        self,
-        before: Lateness | None,
-        v: np.ndarray,
-        v_before: np.ndarray | None,
-        sent: Sequence[np.ndarray],
-    ) -> Lateness | None:
-        """`watch_lateness`, of what is `believed`; None if nobody looks for it."""
-        if not self._watches:
-            return None
-        # One glitch would outweigh all else for seconds.
-        v, told = self.believed(v, v_before), self._latency / self._period
-        return watch_lateness(before, v, sent, told, self._period)
 
     def now(
         self,

@@ -66,7 +66,7 @@ class Motors:
     """The constraint of effort limits, of a robot whose base is fixed.
 
     Attributes:
-        limits: (nu,) [Nm or N], infinite where there is none.
+        aimed: (M,) what the M motors with limits are aimed to stay below [Nm or N].
     """
 
     name = "motor"
@@ -75,22 +75,16 @@ class Motors:
         """
         Args:
             model: whose dynamics.
-            limits: (nu,) as of the attribute.
+            limits: (nu,) [Nm or N], infinite where there is none.
 
         Raises:
             ModelError: the plant has a force that is not known.
         """
-        self.limits, self._model = limits, model
-        self._some = np.flatnonzero(np.isfinite(limits))
-        share = model.effort_of_joints[self._some]
-        self._efforts = hold(
-            Efforts(
-                model.dynamics,
-                np.ascontiguousarray(share),
-                *(model.order, model.positions, limits[self._some]),
-            )
-        )
-        self._aimed = (1.0 - _INSIDE) * limits[self._some]
+        some = np.flatnonzero(np.isfinite(limits))
+        share, limits = model.effort_of_joints[some], limits[some]
+        of = share, model.order, model.positions, limits
+        self._efforts = hold(Efforts(model.dynamics, *of))
+        self.aimed = (1.0 - _INSIDE) * limits
         self._at: tuple[np.ndarray, np.ndarray] | None = None
 
     def joint_of(self, index: int) -> int:
@@ -98,18 +92,13 @@ class Motors:
         `SafetyCheck`."""
         return int(np.argmax(self._efforts.value.share[index]))
 
-    def _measure(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Takes inertia and bias of a state (nv,), (nv,), once a step."""
-        if self._at is not None and all(map(np.array_equal, self._at, (q, v))):
-            return
-        self._at = q, v
-        self._A, self._b = affine_torques(q, v, self._efforts)
-
-    def plan_rows(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(M, nv + 2) A, b and what |A q_ddot + b| is aimed to stay below, at a state
-        (nv,), (nv,)."""
-        self._measure(q, v)
-        return np.column_stack((self._A, self._b, self._aimed))
+    def affine(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A (M, nv), b (M,) of `affine_torques` at a state (nv,), (nv,), once a
+        step."""
+        if self._at is None or not all(map(np.array_equal, self._at, (q, v))):
+            self._at = q, v
+            self._affine = affine_torques(q, v, self._efforts)
+        return self._affine
 
     def braking_time_constant(
         self,
@@ -130,9 +119,8 @@ class Motors:
                 over a shorter is a part of the present one.
         """
         q, v = state.q, state.v
-        self._measure(q, v)
-        given = self._A, self._b, self._aimed
-        uses = braking_use(*given, v, vdot, np.array(choices), state.period)
+        given = *self.affine(q, v), self.aimed, v, vdot
+        uses = braking_use(*given, np.array(choices), state.period)
         times_ = state.period, state.plant_step, self._efforts
         chosen, least, lacks = None, state.T, np.inf
         for T, (now, then) in zip(choices, uses.tolist(), strict=True):
@@ -154,11 +142,11 @@ class Motors:
         return True
 
     def begin(self, state: State) -> None:
-        self._measure(state.q, state.v)
+        self.affine(state.q, state.v)
 
     def rows(self, state: State) -> Rows:
         g, least = motor_rows(
-            *(self._A, self._b, self._aimed, state.v, state.prescribed, state.n),
+            *(*self._affine, self.aimed, state.v, state.prescribed, state.n),
             *(state.T, state.period),
         )
         # What rows lack is to be less than what is asked for ends below the limits.
@@ -167,7 +155,7 @@ class Motors:
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
         safe, left, worst, g, least = check_motors(
-            *(state.q, state.v, s, self._A, self._b, state.n, state.T),
+            *(state.q, state.v, s, *self._affine, state.n, state.T),
             *(state.period, state.plant_step, correct, self._efforts),
         )
         rows = hard_rows(g, least) if correct and not safe else None

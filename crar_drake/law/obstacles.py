@@ -75,6 +75,12 @@ class Obstacles:
         self.centres, self.radii, self.speeds = centres, radii, speeds
         self.names = names
 
+    @staticmethod
+    def of_port(values: np.ndarray, speeds: np.ndarray) -> Obstacles:
+        """Those of an input port (4 N,), [x; y; z; radius] of each [m]."""
+        spheres = values.reshape(-1, 4)
+        return Obstacles(spheres[:, :3], spheres[:, 3], speeds)
+
     def __len__(self) -> int:
         return len(self.radii)
 
@@ -96,6 +102,16 @@ class Obstacles:
 
 
 NOBODY = Obstacles([], [], [])
+NO_PORT = "there is no port for obstacles: give obstacle_speeds when it is made"
+
+
+def checked_speeds(system: str, speeds: Sequence[float]) -> np.ndarray:
+    """(N,) bounds of obstacles' speeds [m/s]; raises InputError, with the name of a
+    system that is made with them: one is not a number, infinite or negative."""
+    try:
+        return Obstacles(np.zeros((len(speeds), 3)), 0.0, speeds).speeds
+    except (TypeError, InputError) as error:
+        raise InputError(f"{system}: obstacle_speeds are {speeds!r}: {error}") from None
 
 
 def at_places(values: np.ndarray, places: np.ndarray) -> np.ndarray:

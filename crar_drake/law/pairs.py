@@ -73,6 +73,9 @@ class Pairs:
     Attributes:
         shapes: holds `Shapes`.
         names: of the two links of each pair of shapes.
+        present_is_clear: whether the braking path of the state that the step began with
+            keeps the safety distance.
+        least_kept: the smallest distance that braking keeps [m].
     """
 
     name = "pair"
@@ -113,23 +116,15 @@ class Pairs:
                 state.q, state.v, state.T, self._distance, self.shapes
             )
             state.keep_rows |= len(self._kept) > 0
-
-    @property
-    def present_is_clear(self) -> bool:
-        """Whether the braking path of the state that the step began with keeps the
-        safety distance; after `begin`."""
-        return not len(self._kept)
-
-    @property
-    def least_kept(self) -> float:
-        """The smallest distance that braking keeps [m]; after `begin`."""
-        return float(self._kept.min()) if len(self._kept) else self._distance
+        self.present_is_clear, self.least_kept = True, self._distance
+        if len(self._kept):
+            self.present_is_clear, self.least_kept = False, float(self._kept.min())
 
     def rows(self, state: State) -> Rows:
         s, n = state.whole(state.nominal), state.n
         of = state.T, self._approach, self.shapes
         g, least = pair_rows(state.q, state.v, s, *of)
-        return of_controlled(g, least, s, n)
+        return hard_rows(g, least, s[n:])
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
         given = state.q, state.v, s, self._kept, self._numbers, self.shapes
@@ -139,15 +134,8 @@ class Pairs:
         safe, clearance, worst, g, least, moved = check_pairs(*given, True)
         if safe or not len(least):
             return SafetyCheck(safe, clearance, index=worst)
-        rows = of_controlled(g, least, s, state.n)
+        rows = hard_rows(g, least, s[state.n :])
         return SafetyCheck(False, clearance, rows, moved > 0.0, worst)
-
-
-def of_controlled(g: np.ndarray, least: np.ndarray, s: np.ndarray, n: int) -> Rows:
-    """Rows (C, nv) as those of the first n joints; the others do as s (nv,) says."""
-    if g.shape[1] == n:
-        return hard_rows(g, least)
-    return hard_rows(np.ascontiguousarray(g[:, :n]), least - g[:, n:] @ s[n:])
 
 
 @compiled

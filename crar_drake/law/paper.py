@@ -59,13 +59,14 @@ class Gains(NamedTuple):
 
     @staticmethod
     def of(given: PaperGains, period: float, num_pairs: int) -> Gains:
-        """Those of parameters, for a control period [s] and so many watched pairs."""
+        """Those of parameters, for a control period [s] and Nc watched pairs, with
+        Eq. (28), a = 1 / (Nc + 1), where a is not given."""
         GvN, share = given.GvN, given.limit_share
         return Gains(
             *(float(given.damping), float(given.Gv)),
             math.nan if GvN is None else float(GvN),
             *(float(given.rho), float(given.alpha), float(given.beta)),
-            composite_index(num_pairs) if share is None else float(share),
+            1.0 / (num_pairs + 1) if share is None else float(share),
             *(float(period), given.level == "velocity"),
         )
 
@@ -184,11 +185,6 @@ def approach_weights(
         1 + |gradient| where the constraint is approached, else 1.
     """
     return 1.0 + np.abs(gradient) * (proximity >= previous)
-
-
-def composite_index(num_pairs: int) -> float:
-    """Eq. (28): a = 1 / (Nc + 1), for Nc watched pairs."""
-    return 1.0 / (num_pairs + 1)
 
 
 @compiled
@@ -420,9 +416,7 @@ def paper_step(
     qddot, qdot_c, W = weighted_acceleration(
         references, state.v[:n], W, inertia, kept[n + Nc * n :], gains
     )
-    in_order, vdot = np.concatenate((qddot, references.qddot_p)), np.empty(len(v))
-    for i in range(len(v)):
-        vdot[r.order[i]] = in_order[i]
+    vdot = np.concatenate((qddot, references.qddot_p))
     kept = np.concatenate((of_limits, of_pairs.ravel(), qdot_c))
     return vdot, references.error, W, qdot_c, kept
 
@@ -434,22 +428,22 @@ class PaperLaw:
         self,
         model: ControlModel,
         tasks: TaskGains,
-        gains: Gains,
-        constrained: bool = True,
-        with_inertia: bool = False,
+        given: PaperGains,
+        period: float,
+        constrained: bool,
     ) -> None:
         """
         Args:
             model: of the robot, its tasks and pairs.
             tasks: gains.
-            gains: the paper's numbers.
+            given: the paper's parameters.
+            period: of the controller [s].
             constrained: else W = I: the raw motion, whose violations Fig. 2 counts.
-            with_inertia: whether W weighs by the inertia, too, see
-                `inertia_weight`.
         """
         limits = limit_potential(model.lower, model.upper)
+        gains = Gains.of(given, period, len(model.pairs))
         self._law = hold(PaperNumbers(model.robot, tasks, limits, gains, constrained))
-        self._model, self._with_inertia = model, with_inertia
+        self._model, self._with_inertia = model, given.metric == "inertia"
         near = np.zeros((1 + len(model.pairs)) * model.n)
         self._first = np.concatenate((near, np.full(model.n, np.nan)))
 
@@ -470,43 +464,3 @@ class PaperLaw:
                 *(self._first if before is None else before, inertia, self._law),
             )
         )
-
-
-_STOPPED = 1e9  # the weight of a joint that may go no farther
-
-
-@compiled
-def start_step(
-    q: np.ndarray,
-    J: np.ndarray,
-    error: np.ndarray,
-    d: np.ndarray,
-    dd_dq: np.ndarray,
-    room: tuple[np.ndarray, np.ndarray],
-    limits: LimitPotential,
-    gains: Gains,
-) -> np.ndarray:
-    """J* e, by the inverse of Eq. (34): (n,) displacements [rad or m].
-
-    W is that of Eq. (27) with every constraint counted as being approached; joints
-    that the first such step takes out of their room are stopped in a second one, so
-    that the others do what they cannot.
-
-    Args:
-        q: (n,) positions of the controlled joints [rad or m].
-        J: (m, n) task Jacobian, with the rows' weights.
-        error: (m,) Eq. (11), with the same.
-        d: (Nc,) signed distances [m].
-        dd_dq: (Nc, n) Eq. (20).
-        room: (n,), (n,) from where and to where joints may go.
-        gains: damping, rho, alpha, beta and limit_share count.
-    """
-    lower, upper = room
-    # Before, nothing was near.
-    before = np.zeros(len(q)), np.zeros(dd_dq.shape)
-    W, _, _ = constraint_weights(q, d, dd_dq, *before, limits, gains)
-    step = inverse_times(damped_inverse(J, W, gains.damping), error)
-    for i in range(len(q)):
-        if (q[i] <= lower[i] and step[i] < 0.0) or (q[i] >= upper[i] and step[i] > 0.0):
-            W[i] = _STOPPED
-    return inverse_times(damped_inverse(J, W, gains.damping), error)

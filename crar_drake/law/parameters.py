@@ -81,11 +81,6 @@ class Shared:
     effort_limits: bool = False
     blend_time: float = 0.5  # [s]
 
-    def _check_shared(self) -> None:
-        check_numbers(
-            "controller", self, _SHARED, may_be_zero={"blend_time", "latency"}
-        )
-
     def torque_ticks(self, plant_step: float) -> tuple[int, float]:
         """How often the torque of the held accelerations is computed in a control
         period, and the time between two: a millisecond, or a step of a plant whose
@@ -123,14 +118,12 @@ class Shared:
         if not self.effort_limits:
             return np.full_like(model.actuator_limits, np.inf)
         limits = model.actuator_limits.copy()
-        for index in model.plant.GetJointActuatorIndices():
-            actuator = model.plant.get_joint_actuator(index)
-            if actuator.joint().velocity_start() in model.prescribed:
-                limits[actuator.input_start()] = np.inf
+        limits[model.effort_of_joints[:, model.prescribed].any(axis=1)] = np.inf
         return limits
 
 
 _SHARED = tuple(entry.name for entry in fields(Shared))
+_MAY_BE_ZERO = {"blend_time", "latency", "posture_gain", "tracking_error"}
 
 
 @dataclass
@@ -242,7 +235,7 @@ class PaperParameters(PaperGains, Shared):
             ScenarioError: names the field, its value and what it may be.
         """
         check_choice("controller", self, "constraints", ("paper", "none"))
-        self._check_shared()
+        check_numbers("controller", self, _SHARED, _MAY_BE_ZERO)
         self.check_gains("controller", self.period)
 
     @property
@@ -387,12 +380,11 @@ class LookaheadParameters(SafetyParameters, Shared):
 
     def check_safety(self) -> None:
         """Checks what does not follow tasks; raises as `validate`."""
-        self._check_shared()
         check_numbers(
             "controller",
             self,
             _NUMBERS,
-            may_be_zero={"posture_gain", "tracking_error"},
+            may_be_zero=_MAY_BE_ZERO,
             may_be_infinite={"velocity_scale"},
         )
         for name in ("velocity_limits", "tracking_errors"):
@@ -569,9 +561,7 @@ class LookaheadParameters(SafetyParameters, Shared):
 
 
 _NUMBERS = tuple(
-    entry.name
-    for entry in fields(LookaheadParameters)
-    if entry.name not in (*_SHARED, "smoothness")
+    entry.name for entry in fields(LookaheadParameters) if entry.name != "smoothness"
 )
 
 Parameters = PaperParameters | LookaheadParameters

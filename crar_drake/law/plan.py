@@ -8,13 +8,13 @@ first of them is the nominal one, and all are chosen anew at the next step: a
 receding-horizon plan. `docs/theory/theorem.md` has the derivation.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from crar_drake.law.approach import SHARE_OF_RANGE, Approach
 from crar_drake.law.compilation import Held, compiled, hold
+from crar_drake.law.constraints import RobotConstraints
 from crar_drake.law.kinematics import find_state
 from crar_drake.law.one_sided import one_sided_nearest_in
 from crar_drake.law.parameters import Resolved
@@ -285,7 +285,7 @@ def limit_rows_ahead(
 def speed_rows(
     qdot: np.ndarray, plan: np.ndarray, fastest: float, preview: Preview
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(L12): rows as of `rows_ahead` of joints that the last plan makes near too fast.
+    """(L12): rows of joints that the last plan makes near too fast.
 
         |q_dot + sum_{j <= i} length_j q_ddot_j| <= fastest
 
@@ -316,7 +316,7 @@ def speed_rows(
 def effort_rows(
     efforts: np.ndarray, qddot_p: np.ndarray, plan: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(L12): rows as of `rows_ahead` of motors of which the last plan asks for much.
+    """(L12): rows of motors of which the last plan asks for much.
 
         |A q_ddot_i + b| <= limit,
 
@@ -431,7 +431,7 @@ def plan_accelerations(
         task_damping: lambda [m].
         posture_error: (n,) q - q_nominal, or zeros [rad].
         qdot: (n,) velocities.
-        rows, least: of `rows_ahead`.
+        rows, least: of `pair_rows_ahead` and the others.
     """
     N, n = len(preview.times), len(qdot)
     shares = task_shares(references.e, of_rows, preview.farthest)
@@ -520,7 +520,7 @@ def plan_step(
         held: holds `PlanNumbers`.
 
     Returns:
-        (N n,) the plan; (nv,) the accelerations, in the plant's order; (m,) Eq. (11)
+        (N n,) the plan; (nv,) the accelerations, controlled joints first; (m,) Eq. (11)
         against the targets as given.
     """
     numbers = held.value
@@ -550,10 +550,7 @@ def plan_step(
         np.concatenate((of_pairs, of_limits, of_slow, of_weak)),
         preview,
     )
-    vdot = np.empty(len(v))
-    for i in range(len(v)):
-        vdot[r.order[i]] = plan[i] if i < n else references.qddot_p[i - n]
-    return plan, vdot, references.error
+    return plan, np.concatenate((plan[:n], references.qddot_p)), references.error
 
 
 class Plan:
@@ -562,32 +559,25 @@ class Plan:
     def __init__(
         self,
         model: ControlModel,
-        shapes: Held,
+        constraints: RobotConstraints,
         ahead: Resolved,
         tasks: TaskGains,
-        limits: tuple[np.ndarray, np.ndarray],
-        efforts: Callable[[np.ndarray, np.ndarray], np.ndarray] | None,
-        period: float,
     ) -> None:
         """
         Args:
             model: of the robot, its tasks.
-            shapes: holds its `Shapes`.
+            constraints: of the robot.
             ahead: what the plan is made with.
             tasks: gains of the prescribed joints, and the rows' weights.
-            limits: (n,), (n,) of the controlled joints [rad or m].
-            efforts: q, v (nv,), (nv,), controlled joints first, to (k, nv + 2) as
-                `Motors.plan_rows`; None without motors.
-            period: [s].
         """
-        preview = make_preview(ahead, period)
+        of, preview = constraints, make_preview(ahead, constraints.period)
         self._numbers = hold(
             PlanNumbers(
-                *(model.robot, shapes, hold(preview), tasks),
-                *(ahead.approach, *limits, period),
+                *(model.robot, of.pairs.shapes, hold(preview), tasks, ahead.approach),
+                *(of.limits.lower, of.limits.upper, of.period),
             )
         )
-        self._model, self._efforts, self._ones = model, efforts, np.ones(model.n)
+        self._model, self._motors, self._ones = model, of.motors, np.ones(model.n)
         self._first = float(preview.lengths[0])
 
     def __call__(
@@ -599,8 +589,9 @@ class Plan:
         before: np.ndarray | None,
     ) -> Nominal:
         efforts = np.zeros((0, len(v) + 2))
-        if self._efforts is not None:
-            efforts = self._efforts(*self._model.in_order(q, v))
+        if self._motors is not None:
+            given = self._motors.affine(*self._model.in_order(q, v))
+            efforts = np.column_stack((*given, self._motors.aimed))
         plan, vdot, error = plan_step(
             *(q, v, *targets[:4], *targets.blend),
             *(_NO_PLAN if before is None else before, efforts, self._numbers),

@@ -16,6 +16,7 @@ from crar_drake.law.one_sided import one_sided_nearest, one_sided_nearest_in
 # What a row weighs that is to hold: the norm of a step is of the order of 1, so that
 # what it gives way is not seen.
 _HARD = 1e6
+_NOTHING = np.zeros(0)
 
 
 class Rows(NamedTuple):
@@ -26,8 +27,17 @@ class Rows(NamedTuple):
     weight: np.ndarray  # (C,) of the square of what a row lacks
 
 
-def hard_rows(g: np.ndarray, least: np.ndarray) -> Rows:
-    """Rows that are to hold."""
+def hard_rows(g: np.ndarray, least: np.ndarray, others: np.ndarray = _NOTHING) -> Rows:
+    """Rows that are to hold.
+
+    Args:
+        g: (C, n), or (C, nv) on s (nv,) of all joints, of which
+        others: (nv - n,) the last ones have these s, whatever is taken.
+        least: (C,).
+    """
+    if len(others):
+        n = g.shape[1] - len(others)
+        g, least = np.ascontiguousarray(g[:, :n]), least - g[:, n:] @ others
     return Rows(g, least, np.full(len(least), _HARD))
 
 

@@ -74,10 +74,9 @@ class Targets(NamedTuple):
 
 
 class Nominal(NamedTuple):
-    """What a law of tasks answers, in the plant's order: accelerations to be as near to
-    as is safe."""
+    """What a law of tasks answers: accelerations to be as near to as is safe."""
 
-    vdot: np.ndarray  # (nv,) accelerations [rad/s^2 or m/s^2]
+    vdot: np.ndarray  # (nv,) controlled joints first [rad/s^2 or m/s^2]
     task_error: np.ndarray  # (m,) Eq. (11) against the targets as given [rad, m]
     weights: np.ndarray  # (n,) diagonal of W, Eq. (27); ones where nothing is weighed
     qdot_c: np.ndarray  # (n,) where the velocities are to go, of Eq. (15) [rad/s]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from crar_drake.errors import InputError, ModelError, ScenarioError, nearest, tell
-from crar_drake.law.constraints import Braking, RobotConstraints
+from crar_drake.law.constraints import Braking, RobotConstraints, Taken
 from crar_drake.law.joint_command import JointCommand, all_finite
 from crar_drake.law.motors import Motors
 from crar_drake.law.obstacles import Obstacles
@@ -28,7 +28,7 @@ from crar_drake.law.parameters import (
     SafetyParameters,
 )
 from crar_drake.law.spheres import MovingSpheres
-from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED, Constraint, State, Step
+from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED, Constraint, State
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
 
@@ -221,7 +221,6 @@ class SafetyFilter:
         self._n = model.n
         self._at = {name: i for i, name in enumerate(self.joint_names)}
         T, approach = gains.T, gains.approach_of_commands()
-        self._speed = approach.fastest
         with self._refusing():
             self._robot = RobotConstraints(
                 *(model, gains, approach, T),
@@ -252,7 +251,6 @@ class SafetyFilter:
         """
         self._memory = self.start(q, v)
         self._started = q is not None
-        self._workspace = self.model.MakeWorkspace()
 
     def start(self, q: Joints | None = None, v: Joints | None = None) -> FilterMemory:
         """The memory to begin with; as of `reset`."""
@@ -260,7 +258,12 @@ class SafetyFilter:
         q = rest if q is None else self._vector("q", q, rest)
         v = still if v is None else self._vector("v", v, still)
         for name, value in (("q", q), ("v", v)):
-            self._refuse_no_number(f"the start's {name}", value)
+            bad = np.flatnonzero(~np.isfinite(value))
+            if len(bad):
+                joints = ", ".join(self.joint_names[i] for i in bad[:8])
+                raise InputError(
+                    f"the start's {name} has a NaN or infinite value, of {joints}"
+                )
         return FilterMemory(q, v)
 
     def __call__(
@@ -350,22 +353,22 @@ class SafetyFilter:
             return self._brake(memory, before, NO_NUMBER, error, worst)
 
         def nominal(T: float) -> np.ndarray:
-            return desired.nominal(
-                *(memory.q, memory.v, memory.desired, T, self._period, self._speed)
-            )
+            at, fastest = (memory.q, memory.v, memory.desired), self._robot.fastest
+            return desired.nominal(*at, T, self._period, fastest)
 
         state = self._robot.state(memory.q, memory.v, before, nominal)
         q_next, v_next, s = desired.step(memory.q, memory.v, state.T, self._period)
         if not all_finite(s):
             return self._brake(memory, before, NO_SENSE, error, worst)
         # Lest the robot leap, what was held back catches up no faster than this.
-        calm = memory.following or np.abs(s).max() <= self._speed
+        calm = memory.following or np.abs(s).max() <= self._robot.fastest
         state.desired = s if calm else None
-        found, braking = self._robot.step(state, before.regions)
+        taken = self._robot.step(state, before)
+        found = taken.step
         if found.how != AS_NOMINAL or found.s is not s:
             v_next = state.v + self._period * ((found.s - state.v) / state.T)
             q_next = state.q + self._period * v_next
-        report = self._report(state, found, s, calm, before, error, worst)
+        report = self._report(state, taken, s, calm, before, error, worst)
         command = FilterCommand(
             *(self.joint_names, q_next, v_next),
             *((v_next - state.v) / self._period, report),
@@ -373,13 +376,13 @@ class SafetyFilter:
         # The command is the user's, who may change it.
         return FilterMemory(
             *(q_next.copy(), v_next.copy(), desired.q),
-            *(report.how == NOMINAL, braking, command),
+            *(report.how == NOMINAL, taken.braking, command),
         )
 
     def _report(
         self,
         state: State,
-        found: Step,
+        taken: Taken,
         s: np.ndarray,
         calm: bool,
         before: Braking,
@@ -387,7 +390,7 @@ class SafetyFilter:
         worst: str | None,
     ) -> FilterReport:
         """What became of a desired step s (n,)."""
-        of, regions = self._robot, before.regions
+        of, regions, found = self._robot, before.regions, taken.step
         how = found.how if found.s is s else max(found.how, CORRECTED)
         why, joint, pair, objections = "", None, None, found.objections
         if of.pairs.name in objections:
@@ -405,37 +408,27 @@ class SafetyFilter:
                 why = check.reason or name
             if of.motors is not None and name == of.motors.name:
                 joint = of.motors.joint_of(check.index)
-        obstacle = None
-        of_regions = {}
+        obstacle, left, too_fast = None, np.nan, ()
         if regions is not None:
-            obstacle = self.among.ran_into(regions, found)
+            obstacle, too_fast = self.among.ran_into(regions, found), regions.too_fast
+            left = found.clearances.get(OBSTACLE, np.nan)
             if obstacle is not None and not why:
                 why = OBSTACLE
-            left = found.clearances.get(OBSTACLE, np.nan)
-            of_regions = {
-                "obstacle": obstacle,
-                "obstacle_clearance": left,
-                "too_fast": regions.too_fast,
-            }
         if how != AS_NOMINAL and not why:
             # Nothing is wrong with the command but what is violated already.
             why = of.pairs.name
             if of.pairs.present_is_clear:
-                beyond = of.limits.beyond(state.q)
+                beyond = np.maximum(
+                    of.limits.lower - state.q, state.q - of.limits.upper
+                )
                 why, joint = of.limits.name, int(np.argmax(beyond))
+        joint = None if joint is None else self.joint_names[joint]
         return FilterReport(
-            HOW[how],
-            float(found.share),
-            why,
-            pair,
-            None if joint is None else self.joint_names[joint],
-            of.clearance(found),
-            of.is_clear(state.q, of.pairs.present_is_clear, regions),
-            error,
-            worst,
-            T=state.T,
+            *(HOW[how], float(found.share), why, pair, joint),
+            *(taken.clearance, taken.clear, error, worst),
+            *(obstacle, left, too_fast),
             motor_use=1.0 - found.clearances.get(Motors.name, np.nan),
-            **of_regions,
+            T=state.T,
         )
 
     @property
@@ -505,12 +498,6 @@ class SafetyFilter:
                 "order of joint_names"
             )
         return vector
-
-    def _refuse_no_number(self, name: str, value: np.ndarray) -> None:
-        bad = np.flatnonzero(~np.isfinite(value))
-        if len(bad):
-            joints = ", ".join(self.joint_names[i] for i in bad[:8])
-            raise InputError(f"{name} has a NaN or infinite value, of {joints}")
 
     def _measured(self, measured: tuple[Joints, Joints]) -> list[np.ndarray]:
         """(n,) positions and (n,) velocities; raises InputError."""

@@ -1,8 +1,9 @@
 """The safety filter as a Drake system."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     Context,
@@ -13,16 +14,15 @@ from pydrake.systems.framework import (
 )
 
 from crar_drake.errors import InputError
-from crar_drake.law.obstacle_port import ObstaclePort
+from crar_drake.law.obstacles import NO_PORT, Obstacles, checked_speeds
 from crar_drake.law.safety_filter import (
     BRAKING,
-    NOMINAL,
+    HOW,
     FilterMemory,
     SafetyFilter,
 )
 
-# What the diagnostics call the ways a command came about.
-HOW = (NOMINAL, "corrected", "scaled", BRAKING)
+_HOW = [*HOW.values(), BRAKING]
 
 # Ports of what is wanted, to the keyword of the filter.
 _WANTED = {
@@ -100,25 +100,27 @@ class SafetyFilterSystem(LeafSystem):
         self.set_name("safety_filter")
         self.filter = filter
         n = len(filter.joint_names)
+        self._speeds = checked_speeds(self.get_name(), obstacle_speeds)
         self._inputs = {
             name: self.DeclareVectorInputPort(name, size)
             for name, size in (
                 *((name, n) for name in _WANTED),
                 ("desired_state", 2 * n),
                 ("measured_state", 2 * n),
+                ("obstacles", 4 * len(self._speeds)),
             )
+            if size
         }
-        self._obstacles = ObstaclePort(self, obstacle_speeds)
         memory = self.DeclareAbstractState(AbstractValue.Make(filter.start()))
         self._memory_index = int(memory)
         held = {self.abstract_state_ticket(memory)}
         self._outputs = {
-            name: self.DeclareVectorOutputPort(name, size, calc, held)
-            for name, size, calc in (
-                ("command", 2 * n, self._CalcCommand),
-                ("position_command", n, self._CalcPosition),
-                ("acceleration_command", n, self._CalcAcceleration),
-                ("diagnostics", 7, self._CalcDiagnostics),
+            name: self.DeclareVectorOutputPort(name, size, self._MakeCalc(of), held)
+            for name, size, of in (
+                ("command", 2 * n, lambda memory: np.concatenate((memory.q, memory.v))),
+                ("position_command", n, lambda memory: memory.q),
+                ("acceleration_command", n, self._acceleration),
+                ("diagnostics", 7, self._diagnostics),
             )
         }
         self._joints = {name: i for i, name in enumerate(filter.joint_names)}
@@ -151,7 +153,9 @@ class SafetyFilterSystem(LeafSystem):
         Raises:
             InputError: the system was made without `obstacle_speeds`.
         """
-        return self._obstacles.port
+        if "obstacles" not in self._inputs:
+            raise InputError(f"{self.get_name()}: {NO_PORT}")
+        return self._inputs["obstacles"]
 
     def get_output_port_command(self) -> OutputPort:
         """Port (2 n,): [q; v] a period after the step."""
@@ -205,7 +209,9 @@ class SafetyFilterSystem(LeafSystem):
             if port.HasValue(context)
         }
         measured = given.pop("measured_state", None)
-        obstacles = self._obstacles.Eval(context)
+        obstacles = given.pop("obstacles", None)
+        if obstacles is not None:
+            obstacles = Obstacles.of_port(obstacles, self._speeds)
         if measured is not None:
             measured = measured[:n], measured[n:]
             if memory.command is None:
@@ -231,31 +237,24 @@ class SafetyFilterSystem(LeafSystem):
         )
         self._keep(state, stepped)
 
-    def _CalcCommand(self, context: Context, output) -> None:
-        memory = self._memory(context)
-        output.SetFromVector(np.concatenate((memory.q, memory.v)))
-
-    def _CalcPosition(self, context: Context, output) -> None:
-        output.SetFromVector(self._memory(context).q)
-
-    def _CalcAcceleration(self, context: Context, output) -> None:
-        memory = self._memory(context)
-        a = np.zeros(len(memory.q)) if memory.command is None else memory.command.a
-        output.SetFromVector(a)
-
-    def _CalcDiagnostics(self, context: Context, output) -> None:
-        report = self.report(context)
-        if report is None:
-            output.SetFromVector(np.full(7, np.nan))
-            return
-        output.SetFromVector(
-            [
-                HOW.index(report.how),
-                report.share,
-                report.clearance,
-                report.clear,
-                report.tracking_error,
-                self._pairs.get(report.pair, -1),
-                self._joints.get(report.joint, -1),
-            ]
+    def _MakeCalc(self, values: Callable[[FilterMemory], ArrayLike]):
+        return lambda context, output: output.SetFromVector(
+            values(self._memory(context))
         )
+
+    def _acceleration(self, memory: FilterMemory) -> np.ndarray:
+        return np.zeros(len(memory.q)) if memory.command is None else memory.command.a
+
+    def _diagnostics(self, memory: FilterMemory) -> ArrayLike:
+        if memory.command is None:
+            return np.full(7, np.nan)
+        report = memory.command.report
+        return [
+            _HOW.index(report.how),
+            report.share,
+            report.clearance,
+            report.clear,
+            report.tracking_error,
+            self._pairs.get(report.pair, -1),
+            self._joints.get(report.joint, -1),
+        ]

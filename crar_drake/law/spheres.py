@@ -28,10 +28,9 @@ from crar_drake.law.moving_obstacles import (
     sphere_rows,
 )
 from crar_drake.law.obstacles import NOBODY, Obstacles, Regions, Seen, at_places
-from crar_drake.law.pairs import of_controlled
 from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.law.path_bounds import FALLING, FIRST, LOWEST
-from crar_drake.law.projection import Rows, stacked
+from crar_drake.law.projection import Rows, hard_rows, stacked
 from crar_drake.law.step import SafetyCheck, State, Step
 from crar_drake.law.tracking_error import joint_errors
 from crar_drake.robot.model import ControlModel
@@ -247,4 +246,4 @@ def _rows_of_s(
     """Rows on a velocity (nv,) as those on s, which changes by a factor more; the
     joints that are not controlled do as s (nv,) says."""
     now = g @ state.v
-    return of_controlled(g, now + factor * (least - now), s, state.n)
+    return hard_rows(g, now + factor * (least - now), s[state.n :])

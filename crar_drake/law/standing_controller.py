@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
 )
 
 from crar_drake.errors import ModelError
-from crar_drake.law.records import check_finite
+from crar_drake.law.measured import check_finite
 from crar_drake.law.standing_law import StandingLaw, StandingStep
 from crar_drake.robot.model import ControlModel
 

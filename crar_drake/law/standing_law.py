@@ -265,9 +265,9 @@ class StandingLaw:
         wanted = np.concatenate([c_dd[:2], turn + a_f[:3], [rise + a_f[5]]])
 
         # Efforts are efforts_0 + D x.
-        root_inertia, efforts = M @ N, self._actuators.efforts
-        efforts_0 = efforts(M @ a_0 + h - root_inertia @ a_f)
-        D = efforts(root_inertia @ B - pushes)
+        root_inertia, of_joints = M @ N, self._actuators.of_joints
+        efforts_0 = of_joints @ (M @ a_0 + h - root_inertia @ a_f)
+        D = of_joints @ (root_inertia @ B - pushes)
         rows = _WEIGHTS[:, np.newaxis] * rows
         x = self._shares(rows, _WEIGHTS * wanted, efforts_0, D)
         if not np.isfinite(x).all():
@@ -288,7 +288,7 @@ class StandingLaw:
         braked = np.zeros(len(v))
         braked[self._j] = -_LIMP * v[self._j] * np.diag(M)[self._j]
         limits = self._actuators.limits
-        efforts = np.clip(self._actuators.efforts(braked), -limits, limits)
+        efforts = np.clip(self._actuators.of_joints @ braked, -limits, limits)
         nothing = np.zeros(self._corners_at_rest.shape)
         return StandingStep(efforts, np.zeros(len(v)), nothing, fell=True)
 

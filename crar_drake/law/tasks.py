@@ -10,7 +10,16 @@ import numpy as np
 from crar_drake.law.compilation import compiled
 from crar_drake.law.vectors import cross_rows
 
-KINDS = ("position", "orientation", "pose", "joint")
+# The parts of each kind of task, in their order; and their numbers of rows of v, a, e
+# and J, and of entries of x_d.
+_PARTS = {
+    "position": ("linear",),
+    "orientation": ("angular",),
+    "pose": ("angular", "linear"),
+    "joint": ("joint",),
+}
+_SIZES = {"angular": (3, 4), "linear": (3, 3), "joint": (1, 1)}
+KINDS = tuple(_PARTS)
 
 _NO_JOINTS = np.zeros(0)
 
@@ -70,7 +79,9 @@ class TaskLayout:
             without a model, as when a log is read, it may be left out.
         m: number of rows of v, a, e and J.
         size_x: number of entries of x_d.
-        angular_tasks, linear_tasks: (Na,), (Nl,) tasks with a rotation, a position.
+        of_rows: (m,) the task that each row belongs to.
+        angular_tasks, linear_tasks, joint_tasks: (Na,), (Nl,), (Nj,) tasks with a
+            rotation, with a position, and those that are joints.
         angular_rows, linear_rows: (Na, 3), (Nl, 3) their rows.
         quaternion_entries, position_entries: (Na, 4), (Nl, 3) their entries of x_d.
         joint_rows, joint_entries: (Nj,) of the tasks that are joints.
@@ -80,53 +91,33 @@ class TaskLayout:
     kinds: tuple[str, ...]
     joints: tuple[int, ...] = field(default=(), compare=False)
 
-    # Derived in __post_init__; the names and kinds alone tell layouts apart.
-    m: int = field(init=False, compare=False)
-    size_x: int = field(init=False, compare=False)
-    angular_tasks: np.ndarray = field(init=False, compare=False)
-    linear_tasks: np.ndarray = field(init=False, compare=False)
-    angular_rows: np.ndarray = field(init=False, compare=False)
-    linear_rows: np.ndarray = field(init=False, compare=False)
-    quaternion_entries: np.ndarray = field(init=False, compare=False)
-    position_entries: np.ndarray = field(init=False, compare=False)
-    joint_rows: np.ndarray = field(init=False, compare=False)
-    joint_entries: np.ndarray = field(init=False, compare=False)
-
     def __post_init__(self) -> None:
-        angular, linear = [], []
-        angular_rows, linear_rows = [], []
-        quaternions, positions = [], []
-        joint_rows, joint_entries = [], []
+        tasks, rows, entries = ({part: [] for part in _SIZES} for _ in range(3))
+        of_rows: list[int] = []
         row = entry = 0
         for index, kind in enumerate(self.kinds):
             if kind not in KINDS:
                 raise ValueError(f"kind of task {self.names[index]}: {kind!r}")
-            if kind == "joint":
-                joint_rows.append(row)
-                joint_entries.append(entry)
-                row, entry = row + 1, entry + 1
-                continue
-            if kind != "position":
-                angular.append(index)
-                angular_rows.append(range(row, row + 3))
-                quaternions.append(range(entry, entry + 4))
-                row, entry = row + 3, entry + 4
-            if kind != "orientation":
-                linear.append(index)
-                linear_rows.append(range(row, row + 3))
-                positions.append(range(entry, entry + 3))
-                row, entry = row + 3, entry + 3
+            for part in _PARTS[kind]:
+                row_size, entry_size = _SIZES[part]
+                tasks[part].append(index)
+                rows[part].append(range(row, row + row_size))
+                entries[part].append(range(entry, entry + entry_size))
+                row, entry = row + row_size, entry + entry_size
+                of_rows += [index] * row_size
         derived = {
             "m": row,
             "size_x": entry,
-            "angular_tasks": np.array(angular, dtype=int),
-            "linear_tasks": np.array(linear, dtype=int),
-            "angular_rows": np.array(angular_rows, dtype=int).reshape(-1, 3),
-            "linear_rows": np.array(linear_rows, dtype=int).reshape(-1, 3),
-            "quaternion_entries": np.array(quaternions, dtype=int).reshape(-1, 4),
-            "position_entries": np.array(positions, dtype=int).reshape(-1, 3),
-            "joint_rows": np.array(joint_rows, dtype=int),
-            "joint_entries": np.array(joint_entries, dtype=int),
+            "of_rows": _places(of_rows),
+            "angular_tasks": _places(tasks["angular"]),
+            "linear_tasks": _places(tasks["linear"]),
+            "joint_tasks": _places(tasks["joint"]),
+            "angular_rows": _places(rows["angular"], 3),
+            "linear_rows": _places(rows["linear"], 3),
+            "joint_rows": _places(rows["joint"]),
+            "quaternion_entries": _places(entries["angular"], 4),
+            "position_entries": _places(entries["linear"], 3),
+            "joint_entries": _places(entries["joint"]),
         }
         for name, value in derived.items():
             object.__setattr__(self, name, value)
@@ -138,7 +129,7 @@ class TaskLayout:
 
     def rows_of(self, task: int) -> slice:
         """Returns the rows of task number `task` in v, a, e and J."""
-        sizes = [{"pose": 6, "joint": 1}.get(kind, 3) for kind in self.kinds]
+        sizes = [sum(_SIZES[part][0] for part in _PARTS[k]) for k in self.kinds]
         start = sum(sizes[:task])
         return slice(start, start + sizes[task])
 
@@ -183,6 +174,10 @@ class TaskLayout:
         if a is not None:
             desired[..., self.size_x + self.m :] = a
         return desired
+
+
+def _places(of: Sequence, *shape: int) -> np.ndarray:
+    return np.array(of, dtype=int).reshape(-1, *shape)
 
 
 @compiled
@@ -256,29 +251,8 @@ def task_weights(
     S = np.ones(layout.m)
     S[layout.angular_rows] = np.asarray(orientation_weights)[layout.angular_tasks, None]
     S[layout.linear_rows] = np.asarray(position_weights)[layout.linear_tasks, None]
-    is_joint = [kind == "joint" for kind in layout.kinds]
-    S[layout.joint_rows] = np.asarray(position_weights)[is_joint]
+    S[layout.joint_rows] = np.asarray(position_weights)[layout.joint_tasks]
     return S
-
-
-def task_of_rows(layout: TaskLayout) -> np.ndarray:
-    """The task that each row belongs to, (m,)."""
-    tasks = np.empty(layout.m, dtype=int)
-    tasks[layout.joint_rows] = [i for i, k in enumerate(layout.kinds) if k == "joint"]
-    tasks[layout.angular_rows] = layout.angular_tasks[:, None]
-    tasks[layout.linear_rows] = layout.linear_tasks[:, None]
-    return tasks
-
-
-def task_wrenches(layout: TaskLayout) -> np.ndarray:
-    """(m, 6) of `kinematics.task_jacobian`: what each row of a task turns about, and
-    the axis along which it moves."""
-    fixed = np.zeros((layout.m, 6))
-    for rows in layout.angular_rows:
-        fixed[rows, :3] = np.eye(3)
-    for rows in layout.linear_rows:
-        fixed[rows, 3:] = np.eye(3)
-    return fixed
 
 
 @compiled

@@ -59,43 +59,6 @@ def distance_losses(errors: np.ndarray, reaches: Reaches) -> np.ndarray:
     return travel(errors, reaches.reach + longer)
 
 
-def check_slides(errors: np.ndarray, reaches: Reaches, model: ControlModel) -> None:
-    """Raises ScenarioError: a slide without limits is carried by a joint that errs.
-
-    Nothing bounds how far from that joint's axis it takes shapes.
-
-    Args:
-        errors: (nv,) of `joint_errors`.
-        reaches: of all pairs.
-        model: of the robot.
-    """
-    plant = model.plant
-    limited = np.isfinite(plant.GetPositionLowerLimits())
-    limited &= np.isfinite(plant.GetPositionUpperLimits())
-    for k, slide in enumerate(reaches.slides):
-        name = model.velocity_names[model.order[slide]]
-        at = list(model.position_names).index(name)
-        if not limited[at] and (reaches.by[k] @ errors).any():
-            raise ScenarioError(
-                f"{_WHERE}: joint {name} slides without limits, and what carries it "
-                "errs: nothing bounds what that does to the shapes that it carries; "
-                "give the joint limits, or what carries it no error (tracking_errors)"
-            )
-
-
-def thickened(robot: Held, losses: np.ndarray) -> Held:
-    """The robot of a `ControlModel` whose pairs of capsules and spheres are nearer.
-
-    Args:
-        robot: holds the `Robot`.
-        losses: (Np,) by how much [m].
-    """
-    r = robot.value
-    pairs = r.pairs.value
-    nearer = {"radii": pairs.radii + losses, "balls": pairs.balls + losses}
-    return hold(r._replace(pairs=hold(pairs._replace(**nearer))))
-
-
 def narrowed_limits(
     errors: np.ndarray, model: ControlModel
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -124,29 +87,49 @@ def narrowed_limits(
     return lower, upper
 
 
-def check_rest_posture(
-    robot: Held, losses: np.ndarray, floor: float, model: ControlModel
-) -> None:
-    """Raises ScenarioError: a pair keeps the floor in the rest posture, but not by as
-    much as the errors could take.
+def thickened(
+    errors: np.ndarray, reaches: Reaches, floor: float, model: ControlModel
+) -> tuple[Held, np.ndarray]:
+    """The `Robot` of a model with shapes that are thicker by what errors can take of
+    their pairs' distances; and that, (Np,) of `distance_losses` [m].
 
     Args:
-        robot: before it is `thickened`.
-        losses: (Np,) [m].
+        errors: (nv,) of `joint_errors`.
+        reaches: of all pairs.
         floor: d_0 [m].
         model: of the robot.
+
+    Raises:
+        ScenarioError: a slide without limits is carried by a joint that errs, and
+            nothing bounds how far from that joint's axis it takes shapes; or a pair
+            keeps the floor in the rest posture, but not by as much as errors can take.
     """
-    d = shape_distances(model.rest_positions()[np.newaxis], robot)[0]
+    plant = model.plant
+    limited = np.isfinite(plant.GetPositionLowerLimits())
+    limited &= np.isfinite(plant.GetPositionUpperLimits())
+    for k, slide in enumerate(reaches.slides):
+        name = model.velocity_names[model.order[slide]]
+        at = list(model.position_names).index(name)
+        if not limited[at] and (reaches.by[k] @ errors).any():
+            raise ScenarioError(
+                f"{_WHERE}: joint {name} slides without limits, and what carries it "
+                "errs: nothing bounds what that does to the shapes that it carries; "
+                "give the joint limits, or what carries it no error (tracking_errors)"
+            )
+    losses, pairs = distance_losses(errors, reaches), model.pairs
+    d = shape_distances(model.rest_positions()[np.newaxis], model.robot)[0]
     short = np.flatnonzero((d >= floor) & (d - losses < floor))
-    if not len(short):
-        return
-    worst = short[np.argmin((d - floor)[short] / losses[short])]
-    share = (d[worst] - floor) / losses[worst]
-    pairs = model.pairs
-    a, b = pairs.names[pairs.pair_of_shapes[worst]]
-    raise ScenarioError(
-        f"{_WHERE}: in the rest posture {a} - {b} are {1e3 * d[worst]:.1f} mm apart. "
-        f"The errors of their joints can take {1e3 * losses[worst]:.1f} mm of it, and "
-        f"{1e3 * floor:.1f} mm are to be left; lower all errors to {share:.2g} of "
-        "these at most, or change the rest posture"
-    )
+    if len(short):
+        worst = short[np.argmin((d - floor)[short] / losses[short])]
+        share = (d[worst] - floor) / losses[worst]
+        a, b = pairs.names[pairs.pair_of_shapes[worst]]
+        raise ScenarioError(
+            f"{_WHERE}: in the rest posture {a} - {b} are {1e3 * d[worst]:.1f} mm "
+            f"apart. The errors of their joints can take {1e3 * losses[worst]:.1f} mm "
+            f"of it, and {1e3 * floor:.1f} mm are to be left; lower all errors to "
+            f"{share:.2g} of these at most, or change the rest posture"
+        )
+    robot = model.robot.value
+    shapes = robot.pairs.value
+    nearer = {"radii": shapes.radii + losses, "balls": shapes.balls + losses}
+    return hold(robot._replace(pairs=hold(shapes._replace(**nearer)))), losses

@@ -43,18 +43,6 @@ def largest(x: np.ndarray) -> float:
 
 
 @compiled
-def is_finite(x: np.ndarray) -> bool:
-    """Whether no entry of x (n,) is NaN or infinite, without asking each.
-
-    A sum of squares is finite unless an entry is not, or is beyond all sense.
-    """
-    s = 0.0
-    for i in range(len(x)):
-        s += x[i] * x[i]
-    return math.isfinite(s)
-
-
-@compiled
 def gram(A: np.ndarray) -> np.ndarray:
     """A^T A (n, n) of A (k, n), symmetric to the last bit."""
     rows, n = A.shape

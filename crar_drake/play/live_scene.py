@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from pydrake.geometry import Meshcat
 
-from crar_drake.law.records import STATUS_WORDS
 from crar_drake.law.safety_filter import HOW, NOMINAL
+from crar_drake.law.solution import STATUS_WORDS
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import Pacer
 from crar_drake.results.drawn_robot import DrawnRobot

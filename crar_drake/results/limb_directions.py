@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.law.records import STATUS_TRACKING
+from crar_drake.law.solution import STATUS_TRACKING
 from crar_drake.motion.conditioning import angles_between
 from crar_drake.motion.performer import SIDES, Performer
 from crar_drake.results.log import SimulationLog

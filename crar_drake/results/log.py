@@ -38,7 +38,7 @@ class SimulationLog:
         task_error: (T, m) Eq. (11) against them [rad, m].
         signed_distances: (T, Nc) per watched pair, from the control model [m].
         constraint_weights: (T, n) diagonal of W, of the controlled joints.
-        status: (T, 1) tracking, blending, braking, implausible: `law.records`.
+        status: (T, 1) tracking, blending, braking, implausible: `law.solution`.
         admission: (T, 4) how the control step was admitted (0 nominal, 1 corrected,
             2 scaled towards braking), the share of the nominal step, a bound from below
             for all distances on the next braking path [m], and 1 if the present one is

@@ -5,7 +5,7 @@ One colour has one meaning wherever a run is drawn.
 
 import numpy as np
 
-from crar_drake.law.records import STATUS_BLENDING, STATUS_BRAKING
+from crar_drake.law.solution import STATUS_BLENDING, STATUS_BRAKING
 from crar_drake.motion.planted_feet import runs
 from crar_drake.results.log import SimulationLog
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.judging.obstacle_judge import ObstacleFigures
-from crar_drake.law.records import STATUS_BRAKING, STATUS_IMPLAUSIBLE
+from crar_drake.law.solution import STATUS_BRAKING, STATUS_IMPLAUSIBLE
 from crar_drake.law.step import AS_NOMINAL, CORRECTED, SCALED
 from crar_drake.law.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport

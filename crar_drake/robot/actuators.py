@@ -11,6 +11,7 @@ class Actuators:
 
     Attributes:
         limits: (nu,) largest effort of each, infinite where there is none [Nm or N].
+        of_joints: (nu, nv) the efforts of each by those of the joints [1].
         joint_limits: (nv,) the same per joint; 0 where no actuator is.
     """
 
@@ -37,11 +38,8 @@ class Actuators:
                 "(transmissions in a URDF, of joints with an effort limit that is not "
                 "0), or weld the joints"
             )
-        # The actuators of one joint share its effort; one alone is quicker to pick.
-        self._from_efforts = B.T / np.maximum(B.sum(axis=1), 1.0)
-        alone = np.array_equal(self._from_efforts @ B, np.eye(nu))
-        self._picked = B.argmax(axis=0) if alone else None
-        self._in_order = np.array_equal(self._picked, np.arange(nv))
+        # The actuators of one joint share its effort.
+        self.of_joints = np.ascontiguousarray(B.T / np.maximum(B.sum(axis=1), 1.0))
         self.limits, self.joint_limits = np.full(nu, np.inf), np.zeros(nv)
         for index in plant.GetJointActuatorIndices():
             actuator = plant.get_joint_actuator(index)
@@ -55,9 +53,3 @@ class Actuators:
             self.joint_limits[start : start + count] += limit
             start = actuator.input_start()
             self.limits[start : start + count] = limit
-
-    def efforts(self, of_joints: np.ndarray) -> np.ndarray:
-        """(nu, ...) in the order of the actuators, from (nv, ...) by joint."""
-        if self._picked is None:
-            return self._from_efforts @ of_joints
-        return of_joints if self._in_order else of_joints[self._picked]

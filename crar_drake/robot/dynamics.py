@@ -14,8 +14,7 @@ from pydrake.multibody.tree import (
 
 from crar_drake.errors import ModelError
 from crar_drake.law.compilation import Held, hold
-from crar_drake.law.dynamics import Dynamics
-from crar_drake.law.masses import Masses
+from crar_drake.law.dynamics import Dynamics, Masses
 from crar_drake.robot.kinematics import JointTree
 
 

@@ -232,7 +232,7 @@ class ControlModel:
     @property
     def effort_of_joints(self) -> np.ndarray:
         """(nu, nv) actuators' efforts by the joints' torques."""
-        return self._actuators.efforts(np.eye(self.n + self.n_p))
+        return self._actuators.of_joints
 
     @cached_property
     def _own_workspace(self) -> Workspace:
@@ -259,7 +259,7 @@ class ControlModel:
         tau = plant.CalcInverseDynamics(context, vdot, workspace.forces)
         if self._is_damped:
             tau = tau + self._implicit_damping * vdot
-        return self._actuators.efforts(tau)
+        return self._actuators.of_joints @ tau
 
     def in_order(self, q: np.ndarray, *v: np.ndarray) -> tuple[np.ndarray, ...]:
         """Positions (nq,) and velocities (nv,) of the plant in the equations' order."""

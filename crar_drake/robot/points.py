@@ -7,7 +7,7 @@ from pydrake.multibody.tree import Frame, RigidBody
 
 from crar_drake.law.compilation import Held, hold
 from crar_drake.law.kinematics import Robot, TaskPoints
-from crar_drake.law.tasks import TaskLayout, task_of_rows, task_wrenches
+from crar_drake.law.tasks import TaskLayout
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.kinematics import JointTree
 
@@ -61,14 +61,19 @@ def numbers_of_robot(
         links = np.array([joints.place(body)[0] for body in bodies], dtype=int)
         return joints.moved_by[links][:, order].astype(float, order="C")
 
-    of_rows = task_of_rows(layout)
     carries, of_joints = moved(tasks), np.zeros((layout.m, len(order)))
     of_joints[layout.joint_rows, layout.rows.joints] = 1.0
+    # What each row turns about, and the axis along which it moves.
+    fixed = np.zeros((layout.m, 6))
+    for rows in layout.angular_rows:
+        fixed[rows, :3] = np.eye(3)
+    for rows in layout.linear_rows:
+        fixed[rows, 3:] = np.eye(3)
     tree, rows = hold(joints.tree), hold(layout.rows)
     task_points = TaskPoints(
-        fixed=task_wrenches(layout),
-        of_rows=of_rows,
-        carried=carries[of_rows],
+        fixed=fixed,
+        of_rows=layout.of_rows,
+        carried=carries[layout.of_rows],
         carries=carries,
         above=joints.above(order),
         of_joints=of_joints,

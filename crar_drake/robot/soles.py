@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from crar_drake.errors import ModelError
 from crar_drake.law.balance import WrenchCone
-from crar_drake.law.masses import Masses
+from crar_drake.law.dynamics import Masses
 from crar_drake.robot.description import FLOOR_TOLERANCE, find_body
 from crar_drake.robot.dynamics import find_masses
 from crar_drake.robot.model import ControlModel

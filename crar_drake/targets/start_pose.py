@@ -4,7 +4,13 @@ import math
 
 import numpy as np
 
-from crar_drake.law.paper import Gains, limit_potential, start_step
+from crar_drake.law.paper import (
+    Gains,
+    constraint_weights,
+    damped_inverse,
+    inverse_times,
+    limit_potential,
+)
 from crar_drake.law.parameters import PaperGains
 from crar_drake.law.references import error_from_targets
 from crar_drake.robot.model import ControlModel
@@ -18,6 +24,7 @@ _LARGEST_STEP = 0.1  # [rad] of one iteration
 _ITERATIONS = 300
 _ROUNDS = 10  # in which pairs are found that hold up a step
 
+_STOPPED = 1e9  # the weight of a joint that may go no farther
 _GAINS = PaperGains(damping=0.05, rho=1e-3)
 
 
@@ -26,11 +33,12 @@ def solve_start_pose(
 ) -> np.ndarray:
     """The pose (nq,) that comes nearest to the targets from the rest posture.
 
-    Steps of Eq. (9) with the damped inverse of Eq. (34), each shortened until all
-    watched pairs and limits keep a margin (or, where the rest posture itself has
-    less, do not lose any; only where that stops all steps, down to 5 mm). So the
-    answer is valid if the rest posture is; where the targets are not reachable without
-    violation it stops short of them, and the controller's blending covers the rest.
+    Steps of Eq. (9) with the damped inverse of Eq. (34), every constraint counted as
+    being approached. Each is shortened until all watched pairs and limits keep a margin
+    (or, where the rest posture itself has less, do not lose any; only where that stops
+    all steps, down to 5 mm). So the answer is valid if the rest posture is; where the
+    targets are not reachable without violation it stops short of them, and the
+    controller's blending covers the rest.
 
     Args:
         model: the robot and its tasks.
@@ -43,6 +51,7 @@ def solve_start_pose(
     S = model.row_weights
     limits = limit_potential(model.lower, model.upper)
     gains = Gains.of(_GAINS, math.nan, len(model.pairs))
+    before = np.zeros(model.n), np.zeros((len(model.pairs), model.n))  # nothing near
 
     def at(q: np.ndarray) -> tuple[ModelState, np.ndarray]:
         state = model.evaluate(workspace, q, zero)
@@ -58,16 +67,14 @@ def solve_start_pose(
     lower = np.minimum(model.lower + _MARGIN_LIMIT, state.q)
     upper = np.maximum(model.upper - _MARGIN_LIMIT, state.q)
     for _ in range(_ITERATIONS):
-        step = start_step(
-            state.q,
-            S[:, None] * state.J,
-            error,
-            state.d,
-            np.ascontiguousarray(state.dd_dq),
-            (lower, upper),
-            limits,
-            gains,
-        )
+        J, dd_dq = S[:, None] * state.J, np.ascontiguousarray(state.dd_dq)
+        near = state.q, state.d, dd_dq, *before
+        W, _, _ = constraint_weights(*near, limits, gains)
+        step = inverse_times(damped_inverse(J, W, gains.damping), error)
+        # Joints that this takes out of their room stop: others do what they cannot.
+        W[(state.q <= lower) & (step < 0.0)] = _STOPPED
+        W[(state.q >= upper) & (step > 0.0)] = _STOPPED
+        step = inverse_times(damped_inverse(J, W, gains.damping), error)
         step *= min(1.0, _LARGEST_STEP / max(np.abs(step).max(), 1e-12))
         step = _kept_apart(step, state, least_distance)
         for share in (1.0, 0.5, 0.25, 0.1, 0.02):

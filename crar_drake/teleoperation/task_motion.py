@@ -8,8 +8,8 @@ from crar_drake.errors import ScenarioError
 from crar_drake.law.control_law import ControlLaw
 from crar_drake.law.obstacles import Obstacles
 from crar_drake.law.parameters import LookaheadParameters
-from crar_drake.law.records import STATUS_WORDS, Solution
 from crar_drake.law.safety_filter import HOW, NOMINAL
+from crar_drake.law.solution import STATUS_WORDS, Solution
 from crar_drake.robot.model import ControlModel
 from crar_drake.teleoperation.safe_motion import Moved, SafeMotion, because_of
 

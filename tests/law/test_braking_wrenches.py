@@ -18,11 +18,12 @@ from crar_drake.law.balance import (
     examine_balance,
 )
 from crar_drake.law.compilation import hold
+from crar_drake.law.dynamics import wrench_slopes, wrenches
 from crar_drake.law.ground import Ground
+from crar_drake.law.parameters import BalanceParameters
 from crar_drake.law.prediction import state_within
 from crar_drake.law.projection import project
 from crar_drake.law.step import State
-from crar_drake.law.wrenches import wrench_slopes, wrenches
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.soles import ground_cone, masses_on_soles, shrunk, sole_corners
 from crar_drake.robot.standing import standing_description
@@ -271,7 +272,7 @@ def test_the_nearest_accelerations_are_those_of_a_quadratic_program(robot):
     n, nv = len(model.controlled), robot.plant.num_velocities()
     q, v = model.in_order(model.rest_positions(), np.zeros(nv))
     state = State(q, v, n, T, PERIOD, 0.0, lambda T: np.zeros(n))
-    Ground(model, T, PERIOD, 0.5, 0.02).begin(state)
+    Ground(model, T, PERIOD, BalanceParameters(0.02, 0.5)).begin(state)
     root = state.root
     norm = root @ root.T
     assert np.trace(norm) == pytest.approx(n)

@@ -9,7 +9,7 @@ from crar_drake import ControlModel, load_robot_description, position_tasks
 from crar_drake.errors import ScenarioError
 from crar_drake.law.control_law import ControlLaw
 from crar_drake.law.parameters import LookaheadParameters
-from crar_drake.law.records import STATUS_BRAKING
+from crar_drake.law.solution import STATUS_BRAKING
 from crar_drake.run import run_scenario
 from crar_drake.simulation.disturbances import Disturbances
 from crar_drake.simulation.scenario import Scenario

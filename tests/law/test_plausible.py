@@ -7,7 +7,7 @@ from small_logs import small_log
 from crar_drake.law.control_law import ControlLaw
 from crar_drake.law.measured import MeasuredStates
 from crar_drake.law.parameters import LookaheadParameters, PaperParameters
-from crar_drake.law.records import (
+from crar_drake.law.solution import (
     STATUS_BLENDING,
     STATUS_BRAKING,
     STATUS_IMPLAUSIBLE,

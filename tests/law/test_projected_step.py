@@ -174,7 +174,7 @@ def test_steps_from_clear_states_lead_to_clear_states(robot, period):
                 keep_rows=True,
             )
             assert state.T == T
-            found, braking = constraints.step(state, None)
+            found, _, _, braking = constraints.step(state, braking)
             assert constraints.pairs.present_is_clear
             assert found.how == SCALED or found.share == 1.0
             changed += np.abs(found.s - s).max() > 1e-6

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from crar_drake.law.records import STATUS_BRAKING, STATUS_TRACKING
+from crar_drake.law.solution import STATUS_BRAKING, STATUS_TRACKING
 from crar_drake.motion.performer import Performer
 from crar_drake.results.limb_directions import limb_directions
 from crar_drake.results.log import SimulationLog

@@ -1,8 +1,4 @@
-"""What a control step answers, what it leaves to the next, and what is reported of it.
-
-With what is wanted (`law.references.Targets`) and the parameters these are all of the
-law's records.
-"""
+"""What a control step answers, and what is reported of it."""
 
 from __future__ import annotations
 
@@ -11,9 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crar_drake.errors import InputError
-from crar_drake.law.constraints import Braking
-from crar_drake.law.measured import Lateness
 from crar_drake.robot.model import ControlModel
 
 # Values of the diagnostic "status".
@@ -115,51 +108,3 @@ class Solution:
         """(Nc,) per watched pair, where the robot was in the control step [m]."""
         model, q = self.measured
         return model.signed_distances(q)
-
-    def part(self, name: str) -> np.ndarray:
-        """One of PARTS."""
-        return getattr(self, "acceleration" if name == "desired_acceleration" else name)
-
-
-@dataclass(slots=True)
-class Memory:
-    """What one control step leaves to the next; never changed in place."""
-
-    tick: int = -1  # number of the control step; -1 before the first
-    # which torque tick of the control period the solution's torque is of; 0 is the
-    # control step itself
-    torque_tick: int = 0
-    # its results, whose accelerations are held; None before the first
-    solution: Solution | None = None
-    # what was measured, with velocities that were believed; where the robot brakes
-    # without targets, those that it should have a period on. None before the first
-    # step.
-    q: np.ndarray | None = None  # (nq,)
-    v: np.ndarray | None = None  # (nv,)
-    # `Nominal.kept`, for the next step; None where that may not build on this one's
-    # accelerations: the robot braked without targets, or a run began between two
-    # control ticks
-    kept: np.ndarray | None = None
-    start_time: float | None = None  # when blending began [s], None if it has yet to
-    # what was measured then, as `Targets.start`; None if it has yet to begin
-    start: np.ndarray | None = None
-    braking: Braking = Braking()  # what is known of the next state's braking path
-    # accelerations (nv,) that were commanded, the newest first; as many as
-    # `Shared.latency` and `lateness` need
-    sent: tuple[np.ndarray, ...] = ()
-    # how late states are; None where nobody looks for it
-    lateness: Lateness | None = None
-
-    def __deepcopy__(self, memo: dict) -> Memory:
-        return self  # Drake copies states often; nothing here is ever changed.
-
-
-def check_finite(name: str, value: np.ndarray, time: float) -> None:
-    """Raises InputError, with the port or argument and the time, on NaN or inf."""
-    if not np.isfinite(value).all():
-        bad = np.flatnonzero(~np.isfinite(value))
-        raise InputError(
-            f"{name} has a NaN or infinite value at t = {time:g} s "
-            f"(entries {', '.join(map(str, bad[:8]))}"
-            f"{', ...' if len(bad) > 8 else ''}); check what is connected to it"
-        )

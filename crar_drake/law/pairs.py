@@ -207,12 +207,16 @@ def pair_rows(
     if not len(rows):
         return np.zeros((0, nv)), np.zeros(0)
     pairs, S = r.pairs.value, joint_motion(points[:, : 3 * nv])
-    d, g = np.empty((2, len(rows))), np.empty((2, len(rows), nv))
+    d, normal, p, _ = nearest_points(points[0], pairs, rows)
     moves = select_rows(pairs.moves, rows)
-    for k in range(2):
-        d[k], normal, p, _ = nearest_points(points[k], pairs, rows)
-        g[k] = distance_gradient_about_origin(normal, p, S[k], moves)
-    return distance_rows(d, g, np.zeros(len(rows)), v, T, numbers)
+    g = distance_gradient_about_origin(normal, p, S[0], moves)
+    ends, normal, p, _ = nearest_points(points[1], pairs, rows)
+    # The others have no row.
+    near = np.minimum(d + T * times(g, v), ends) < numbers.influence_distance
+    both = np.stack((d[near], ends[near]))
+    ahead = distance_gradient_about_origin(normal[near], p[near], S[1], moves[near])
+    gradients = np.stack((g[near], ahead))
+    return distance_rows(both, gradients, np.zeros(len(ahead)), v, T, numbers)
 
 
 @compiled

@@ -256,12 +256,15 @@ def check_pairs(
     straight, every = np.zeros(nv), shapes.robot.value.pairs.value
     rows, parts, clearance, points = near_segment(start, x, floor, MANY, shapes)
     none = np.zeros((0, nv)), np.zeros(0), np.zeros(nv)
-    if len(rows) and one_segment and not correct:
-        # A pair that is too near at the end is enough to know.
-        d, _, _, _ = nearest_points(points[1], every, rows)
+    ends = np.full(len(rows), np.inf)
+    if len(rows) and one_segment:
+        # Of a pair that is too near at the end no more need be known.
+        ends, _, _, _ = nearest_points(points[1], every, rows)
         for k in range(len(rows)):
-            if d[k] < floor:
-                return False, d[k], rows[k], *none
+            if ends[k] < floor:
+                if not correct:
+                    return False, ends[k], rows[k], *none
+                parts[:, k] = False
     if len(rows):
         keep = np.full(len(rows), floor)
         if len(kept):
@@ -273,6 +276,8 @@ def check_pairs(
         bounds = path_bounds(*of_path, parts, wanted)
         worst, most = -1, -np.inf
         for k in range(len(rows)):
+            if ends[k] < floor:
+                bounds.low[k], bounds.at[k], bounds.d[k] = ends[k], 1.0, ends[k]
             clearance = min(clearance, bounds.low[k])
             if bounds.at[k] >= 0.0 and keep[k] - bounds.d[k] > most:
                 worst, most = rows[k], keep[k] - bounds.d[k]

@@ -174,20 +174,16 @@ def alike(A: np.ndarray) -> np.ndarray:
 
 @compiled
 def _shadow(x, y, z, at, first, count, to_vector, V, k, half):
-    """How low the shadow of a moving shape, less its radius, begins and ends on a line:
-    [m].
+    """How low the shadow of a moving shape on n, (x, y, z), begins and ends, less its
+    radius [m].
 
     A point's shadow n . p moves at n . (v + w x p) to the first order, so that at t it
     is (n + t n x w) . p + t n . v: that of a resting shape on another direction.
 
     Args:
-        x, y, z: n, the unit direction; no array, which would take longer than the rest.
-        at: (P, 3) points [m].
-        first, count: of the shape's among these; of an axis, the second is where
-            `to_vector` leads.
-        V: (K, 6) spatial velocities about the world's origin; the shape's is
-        k: the k-th.
-        half: the time is within [-half, half].
+        x, y, z: no array: to hand it on would take longer than all the rest.
+        first, count: of corners among the points; of an axis (0), where it starts.
+        V, k: the shape's spatial velocity is V[k].
     """
     moved = half * (x * V[k, 3] + y * V[k, 4] + z * V[k, 5])
     turned_0 = half * (y * V[k, 2] - z * V[k, 1])
@@ -240,19 +236,19 @@ def shadow_gap(
         where it ends [m].
     """
     begins, ends = np.empty(len(n)), np.empty(len(n))
-    hulls = pairs.hulls.value
+    hulls, vector = pairs.hulls.value, pairs.to_vector
     after, corners = hulls.after, hulls.corners
     for k in range(len(n)):
         x, y, z, of = n[k, 0], n[k, 1], n[k, 2], np.uintp(some[k])
         first, hull, count = pairs.start_a[of], pairs.hull_a[of], 0
         if hull >= 0:
             first, count = first + after[hull], corners[hull]
-        a_0, a_1 = _shadow(x, y, z, at, first, count, pairs.to_vector, a, k, half)
+        a_0, a_1 = _shadow(x, y, z, at, first, count, vector, a, k, half)
         first, hull, count = pairs.start_b[of], pairs.hull_b[of], 0
         if hull >= 0:
             first, count = first + after[hull], corners[hull]
         # The highest of b along n, as the lowest against it.
-        b_0, b_1 = _shadow(-x, -y, -z, at, first, count, pairs.to_vector, b, k, half)
+        b_0, b_1 = _shadow(-x, -y, -z, at, first, count, vector, b, k, half)
         begins[k], ends[k] = a_0 + b_0, a_1 + b_1
     return begins, ends
 
@@ -314,7 +310,7 @@ def path_bounds(
             rate = x + (2.0 * t) * bend
             S = place_pairs(points, start + moved, shapes, r)
             d, n, _, _ = nearest_points(points, pairs, shapes)
-            a, b = _velocities(S, rate, moves, links, some)
+            a, b = own_velocities(S, rate, moves, links, some)
             begins, ends = shadow_gap(n, points, pairs, shapes, a, b, half)
             for k in range(len(some)):
                 pair = some[k]
@@ -350,20 +346,6 @@ def path_bounds(
 
 
 @compiled
-def _velocities(S, x, moves, links, some):
-    """`own_velocities` of pairs of shapes, found once of those with the same `links`,
-    which are side by side."""
-    which, heads, count = np.empty_like(some), np.empty_like(some), 0
-    for k in range(len(some)):
-        if k == 0 or links[some[k]] != links[some[k - 1]]:
-            heads[count] = some[k]
-            count += 1
-        which[k] = count - 1
-    a, b = own_velocities(S, x, moves, heads[:count])
-    return select_rows(a, which), select_rows(b, which)
-
-
-@compiled
 def gradients_at(
     start: np.ndarray, x: np.ndarray, rows: np.ndarray, bounds: Bounds, r: Robot
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -377,11 +359,11 @@ def gradients_at(
     """
     failed = np.flatnonzero(bounds.at >= 0.0)
     g, points = np.zeros((len(failed), len(x))), np.zeros((len(r.first), 3))
-    for k in range(len(failed)):
-        some = failed[k : k + 1]
-        there = start + bounds.at[some[0]] * x
-        _, found = distances_at(points, there, rows[some], r)
-        put(g[k], 0, found[0])
+    for t in np.unique(bounds.at[failed]):
+        some = np.flatnonzero(bounds.at[failed] == t)
+        _, found = distances_at(points, start + t * x, rows[failed[some]], r)
+        for k in range(len(some)):
+            put(g[some[k]], 0, found[k])
     return failed, g
 
 

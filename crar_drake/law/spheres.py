@@ -198,8 +198,7 @@ class MovingSpheres:
         return rows if self._evading is None else stacked([rows, self._evading])
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
-        share = state.period / state.T
-        line = state.q, state.v + share * (s - state.v), self._numbers.period
+        line = state.q, _after(state, s), self._numbers.period
         of = self._spheres, self._world
         if not correct:
             safe, clearance, worst = first_lack(*line, self._keep, *of)
@@ -210,7 +209,8 @@ class MovingSpheres:
         _, *worst = np.unravel_index(np.argmax(lacks), lacks.shape)
         # No rows: a correction would leap to where the sphere cannot come any more.
         failed = self._links.carried[lacks.any(axis=(0, 2))].any(axis=0)
-        share = harmless_share(state.q, state.v, share * s, self._world)
+        change = state.period / state.T * s
+        share = harmless_share(state.q, state.v, change, self._world)
         return SafetyCheck(False, clearance, None, failed, tuple(worst), "", share)
 
     def clear_after(self, braked: bool) -> np.ndarray:
@@ -239,8 +239,8 @@ def first_lack(
     spheres: Spheres,
     world: Held,
 ) -> tuple[bool, float, tuple[int, int]]:
-    """Whether `line_bounds` finds nothing lacking, its clearance, and the first link and
-    sphere that lack something: arrays take time to hand out."""
+    """Whether `line_bounds` finds nothing lacking; its clearance; the link and sphere
+    of what it finds first. Arrays take time to hand out."""
     lacks, clearance = line_bounds(q, v, before, keep, FIRST, spheres, world)
     worst, count = np.argmax(lacks), lacks.shape[2]
     link = worst // count % lacks.shape[1]

@@ -96,7 +96,6 @@ class Pairs:
         self.shapes = hold(Shapes(robot, reaches, hold(balls)))
         self._approach, self.names = hold(approach), list(names)
         self._distance = float(distance)
-        self._kept = np.zeros(0)
 
     def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
         """Whether the braking path from a state (nv,), (nv,) keeps the safety distance,
@@ -212,11 +211,11 @@ def pair_rows(
     g = distance_gradient_about_origin(normal, p, S[0], moves)
     ends, normal, p, _ = nearest_points(points[1], pairs, rows)
     # The others have no row.
-    near = np.minimum(d + T * times(g, v), ends) < numbers.influence_distance
-    both = np.stack((d[near], ends[near]))
+    most = numbers.influence_distance
+    near = (d + T * times(g, v) < most) | (ends < most)
     ahead = distance_gradient_about_origin(normal[near], p[near], S[1], moves[near])
-    gradients = np.stack((g[near], ahead))
-    return distance_rows(both, gradients, np.zeros(len(ahead)), v, T, numbers)
+    both = np.stack((d[near], ends[near])), np.stack((g[near], ahead))
+    return distance_rows(*both, np.zeros(len(ahead)), v, T, numbers)
 
 
 @compiled
@@ -269,10 +268,8 @@ def check_pairs(
         keep = np.full(len(rows), floor)
         if len(kept):
             keep = np.minimum(kept[rows], floor)
-        r, reaches, wanted = shapes.robot.value, shapes.reaches, FIRST
-        if correct:
-            wanted = FALLING
-        of_path = start, x, straight, rows, keep, r, reaches
+        r, wanted = shapes.robot.value, FALLING if correct else FIRST
+        of_path = start, x, straight, rows, keep, r, shapes.reaches
         bounds = path_bounds(*of_path, parts, wanted)
         worst, most = -1, -np.inf
         for k in range(len(rows)):
@@ -287,14 +284,10 @@ def check_pairs(
             failed, g = gradients_at(start, x, rows, bounds, r)
             d, at = bounds.d[failed], bounds.at[failed]
             missing = (keep[failed] + _SPARE - d) / (k_0 + at * k_1)
-            moved = np.zeros(nv)
-            for k in failed:
-                moved += np.abs(every.moves[rows[k]])
+            moved = np.abs(every.moves[rows[failed]]).sum(axis=0)
             good = np.flatnonzero(np.isfinite(missing))
-            return (
-                *(False, clearance, worst, g[good]),
-                *(times(g[good], s) + missing[good], moved),
-            )
+            below = g[good], times(g[good], s) + missing[good], moved
+            return False, clearance, worst, *below
     if not one_segment and not _keeps_way(q, v, s, kept, floor, of, shapes):
         return False, clearance, -1, *none
     return True, clearance, -1, *none

@@ -84,11 +84,7 @@ def near_on_way(
     """
     rows, count, low = np.empty(balls.shapes[-1], dtype=np.int64), 0, np.inf
     size, vectors = balls.radius + bend, pairs.to_vector
-    middles = points[:, : points.shape[1] - vectors].copy()
-    for i in range(middles.shape[1]):
-        for c in range(3):
-            middles[0, i, c] += 0.5 * points[0, i + vectors, c]
-            middles[1, i, c] += 0.5 * points[1, i + vectors, c]
+    middles = points[:, :-vectors] + 0.5 * points[:, vectors:]
     for pair in range(len(balls.a)):
         a, b = np.uintp(balls.a[pair]), np.uintp(balls.b[pair])
         if not balls.always[pair]:

@@ -144,15 +144,13 @@ def path_curvature(
         if not same[k]:
             count = 0
             for shape in (1.0, -1.0):
-                common = np.inf
+                common, begun = np.inf, count
                 for i in range(len(x)):
                     if moves[k, i] == shape:
-                        common = min(common, before[i])
-                for i in range(len(x)):
-                    if moves[k, i] == shape:
-                        joints[count] = i
-                        own[count] = speed[i] + 2.0 * (before[i] - common)
+                        joints[count], common = i, min(common, before[i])
                         count += 1
+                for j in range(begun, count):
+                    own[j] = speed[joints[j]] + 2.0 * (before[joints[j]] - common)
         for j in range(count):
             i = joints[j]
             curvature[k] += reach[k, i] * speed[i] * own[j]
@@ -174,16 +172,12 @@ def alike(A: np.ndarray) -> np.ndarray:
 
 @compiled
 def _shadow(x, y, z, at, first, count, to_vector, V, k, half):
-    """How low the shadow of a moving shape on n, (x, y, z), begins and ends, less its
-    radius [m].
+    """How low a moving shape's shadow on n, (x, y, z), begins and ends [m].
 
     A point's shadow n . p moves at n . (v + w x p) to the first order, so that at t it
-    is (n + t n x w) . p + t n . v: that of a resting shape on another direction.
-
-    Args:
-        x, y, z: no array: to hand it on would take longer than all the rest.
-        first, count: of corners among the points; of an axis (0), where it starts.
-        V, k: the shape's spatial velocity is V[k].
+    is (n + t n x w) . p + t n . v: that of a resting shape on another direction. From
+    `first` on are its `count` corners, or an axis (0); its velocity is V[k]. To hand on
+    arrays of these would take longer than all the rest.
     """
     moved = half * (x * V[k, 3] + y * V[k, 4] + z * V[k, 5])
     turned_0 = half * (y * V[k, 2] - z * V[k, 1])
@@ -192,12 +186,10 @@ def _shadow(x, y, z, at, first, count, to_vector, V, k, half):
     begins = ends = np.inf
     a = b = c = 0.0
     for i in range(max(count, 2)):
-        if count or i == 0:
-            j = np.uintp(first + i)
-            a, b, c = at[j, 0], at[j, 1], at[j, 2]
-        else:
-            j = np.uintp(first + to_vector)
-            a, b, c = a + at[j, 0], b + at[j, 1], c + at[j, 2]
+        j = np.uintp(first + (i if count else i * to_vector))
+        if count:
+            a = b = c = 0.0
+        a, b, c = a + at[j, 0], b + at[j, 1], c + at[j, 2]
         here = x * a + y * b + z * c
         more = moved + (turned_0 * a + turned_1 * b + turned_2 * c)
         begins, ends = min(begins, here - more), min(ends, here + more)

@@ -15,7 +15,7 @@ import numpy as np
 
 from crar_drake.errors import ScenarioError
 from crar_drake.law.approach import Approach
-from crar_drake.law.compilation import Held, compiled, hold
+from crar_drake.law.compilation import compiled, hold
 from crar_drake.law.moving_obstacles import (
     MOVING,
     STILL,
@@ -201,7 +201,7 @@ class MovingSpheres:
         line = state.q, _after(state, s), self._numbers.period
         of = self._spheres, self._world
         if not correct:
-            safe, clearance, worst = first_lack(*line, self._keep, *of)
+            safe, clearance, worst = _first_lack(*line, self._keep, *of)
             return SafetyCheck(safe, clearance, index=worst)
         lacks, clearance = line_bounds(*line, self._keep, FALLING, *of)
         if not lacks.any():
@@ -231,20 +231,12 @@ class MovingSpheres:
 
 
 @compiled
-def first_lack(
-    q: np.ndarray,
-    v: np.ndarray,
-    before: float,
-    keep: np.ndarray,
-    spheres: Spheres,
-    world: Held,
-) -> tuple[bool, float, tuple[int, int]]:
+def _first_lack(q, v, before, keep, spheres, world):
     """Whether `line_bounds` finds nothing lacking; its clearance; the link and sphere
     of what it finds first. Arrays take time to hand out."""
     lacks, clearance = line_bounds(q, v, before, keep, FIRST, spheres, world)
-    worst, count = np.argmax(lacks), lacks.shape[2]
-    link = worst // count % lacks.shape[1]
-    return not lacks.any(), clearance, (link, worst % count)
+    worst, (_, links, N) = np.argmax(lacks), lacks.shape
+    return not lacks.any(), clearance, (worst // N % links, worst % N)
 
 
 def _spheres(of: Obstacles, which: np.ndarray | slice = slice(None)) -> Spheres:

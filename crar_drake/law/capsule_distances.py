@@ -118,13 +118,7 @@ def nearest_points(
         uu, vv = uu if uu > 0.0 else 1.0, vv if vv > 0.0 else 1.0
         determinant = uu * vv - uv * uv
         if determinant < _NEARLY_PARALLEL * uu * vv:
-            s = _along_nearly_parallel(
-                np.array([u_0, u_1, u_2]),
-                np.array([v_0, v_1, v_2]),
-                np.array([r_0, r_1, r_2]),
-                uu,
-                vv,
-            )
+            s = _along_nearly_parallel(at[u], at[v], at[a] - at[b], uu, vv)
         else:
             s = (uv * vr - ur * vv) / determinant
         t = _to_unit((uv * _to_unit(s) + vr) / vv)
@@ -134,14 +128,11 @@ def nearest_points(
         n_0, n_1, n_2 = x_0 - y_0, x_1 - y_1, x_2 - y_2
         axis_distance = np.sqrt(n_0 * n_0 + n_1 * n_1 + n_2 * n_2)
         if axis_distance < _TOUCHING:
-            n = _perpendicular(np.array([u_0, u_1, u_2]), np.array([v_0, v_1, v_2]))
+            n = _perpendicular(at[u], at[v])
             n_0, n_1, n_2 = n[0], n[1], n[2]
         else:
-            n_0, n_1, n_2 = (
-                n_0 / axis_distance,
-                n_1 / axis_distance,
-                n_2 / axis_distance,
-            )
+            n_0, n_1 = n_0 / axis_distance, n_1 / axis_distance
+            n_2 = n_2 / axis_distance
         if pairs.flat[of]:
             along = 1.0 / np.sqrt(vv)
             height = -vr * along

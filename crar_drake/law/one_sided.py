@@ -16,7 +16,6 @@ from crar_drake.law.vectors import (
     gram,
     identity,
     largest,
-    put,
     select_rows,
     times,
     transposed_times,
@@ -131,9 +130,6 @@ def one_sided_nearest(
     """
     C = len(desired)
     active, push = np.zeros(C, dtype=np.bool_), np.zeros(C)
-    # rows rows^T, of the rows that were active ever.
-    products = np.empty((C, C))
-    known = np.zeros(C, dtype=np.bool_)
     at_first = desired - times(rows, x_0)
     x = x_0
     for _ in range(_PASSES + 3 * C):
@@ -144,20 +140,13 @@ def one_sided_nearest(
         if worst < 0:
             return x
         active[worst] = True
-        if not known[worst]:
-            known[worst] = True
-            put(products[worst], 0, times(rows, rows[worst]))
         while True:
             A = np.flatnonzero(active)
             if len(A) > _MANY:
                 return one_sided_minimum(identity(len(x_0)), x_0, rows, desired, x_0)[0]
-            normal = identity(len(A))
-            for i in range(len(A)):
-                for j in range(i + 1):
-                    product = products[A[i], A[j]]
-                    normal[i, j] += product
-                    if i != j:
-                        normal[j, i] += product
+            some = select_rows(rows, A)
+            normal = gram(np.ascontiguousarray(some.T))
+            add_to(normal, identity(len(A)))
             pushes = cholesky_solve(cholesky(normal), at_first[A])
             share, last = 1.0, -1
             for i in range(len(A)):
@@ -174,7 +163,7 @@ def one_sided_nearest(
             active[last], push[last] = False, 0.0
             if last == worst:
                 return x
-        x = x_0 + transposed_times(select_rows(rows, A), pushes)
+        x = x_0 + transposed_times(some, pushes)
     return x
 
 

@@ -99,7 +99,6 @@ class Pairs:
         self.shapes = hold(Shapes(robot, reaches, hold(balls)))
         self._approach, self.names = hold(approach), list(names)
         self._distance = float(distance)
-        self._kept = np.zeros(0)
 
     def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
         """Whether the braking path from a state (nv,), (nv,) keeps the safety distance,
@@ -195,12 +194,16 @@ def pair_rows(
     if not len(rows):
         return np.zeros((0, nv)), np.zeros(0)
     pairs, S = r.pairs.value, joint_motion(points[:, : 3 * nv])
-    d, g = np.empty((2, len(rows))), np.empty((2, len(rows), nv))
+    d, normal, p, _ = nearest_points(points[0], pairs, rows)
     moves = select_rows(pairs.moves, rows)
-    for k in range(2):
-        d[k], normal, p, _ = nearest_points(points[k], pairs, rows)
-        g[k] = distance_gradient_about_origin(normal, p, S[k], moves)
-    return distance_rows(d, g, np.zeros(len(rows)), v, T, numbers)
+    g = distance_gradient_about_origin(normal, p, S[0], moves)
+    ends, normal, p, _ = nearest_points(points[1], pairs, rows)
+    # The others have no row.
+    most = numbers.influence_distance
+    near = (d + T * times(g, v) < most) | (ends < most)
+    ahead = distance_gradient_about_origin(normal[near], p[near], S[1], moves[near])
+    both = np.stack((d[near], ends[near])), np.stack((g[near], ahead))
+    return distance_rows(*both, np.zeros(len(ahead)), v, T, numbers)
 
 
 @compiled
@@ -240,23 +243,26 @@ def check_pairs(
     straight, every = np.zeros(nv), shapes.robot.value.pairs.value
     rows, parts, clearance, points = near_segment(start, x, floor, MANY, shapes)
     none = np.zeros((0, nv)), np.zeros(0), np.zeros(nv)
-    if len(rows) and one_segment and not correct:
-        # A pair that is too near at the end is enough to know.
-        d, _, _, _ = nearest_points(points[1], every, rows)
+    ends = np.full(len(rows), np.inf)
+    if len(rows) and one_segment:
+        # Of a pair that is too near at the end no more need be known.
+        ends, _, _, _ = nearest_points(points[1], every, rows)
         for k in range(len(rows)):
-            if d[k] < floor:
-                return False, d[k], rows[k], *none
+            if ends[k] < floor:
+                if not correct:
+                    return False, ends[k], rows[k], *none
+                parts[:, k] = False
     if len(rows):
         keep = np.full(len(rows), floor)
         if len(kept):
             keep = np.minimum(kept[rows], floor)
-        r, reaches, wanted = shapes.robot.value, shapes.reaches, FIRST
-        if correct:
-            wanted = FALLING
-        of_path = start, x, straight, rows, keep, r, reaches
+        r, wanted = shapes.robot.value, FALLING if correct else FIRST
+        of_path = start, x, straight, rows, keep, r, shapes.reaches
         bounds = path_bounds(*of_path, parts, wanted)
         worst, most = -1, -np.inf
         for k in range(len(rows)):
+            if ends[k] < floor:
+                bounds.low[k], bounds.at[k], bounds.d[k] = ends[k], 1.0, ends[k]
             clearance = min(clearance, bounds.low[k])
             if bounds.at[k] >= 0.0 and keep[k] - bounds.d[k] > most:
                 worst, most = rows[k], keep[k] - bounds.d[k]
@@ -266,14 +272,10 @@ def check_pairs(
             failed, g = gradients_at(start, x, rows, bounds, r)
             d, at = bounds.d[failed], bounds.at[failed]
             missing = (keep[failed] + _SPARE - d) / (k_0 + at * k_1)
-            moved = np.zeros(nv)
-            for k in failed:
-                moved += np.abs(every.moves[rows[k]])
+            moved = np.abs(every.moves[rows[failed]]).sum(axis=0)
             good = np.flatnonzero(np.isfinite(missing))
-            return (
-                *(False, clearance, worst, g[good]),
-                *(times(g[good], s) + missing[good], moved),
-            )
+            below = g[good], times(g[good], s) + missing[good], moved
+            return False, clearance, worst, *below
     if not one_segment and not _keeps_way(q, v, s, kept, floor, of, shapes):
         return False, clearance, -1, *none
     return True, clearance, -1, *none

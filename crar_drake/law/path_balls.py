@@ -83,48 +83,41 @@ def near_on_way(
         (k,) which pairs of shapes; no distance of the others is smaller [m].
     """
     rows, count, low = np.empty(balls.shapes[-1], dtype=np.int64), 0, np.inf
-    size, start, end = balls.radius + bend, points[0], points[1]
-    # Of a signed place Numba asks each time whether it counts from the end.
-    zero, one, two = np.uintp(0), np.uintp(1), np.uintp(2)
+    size, vectors = balls.radius + bend, pairs.to_vector
+    middles = points[:, :-vectors] + 0.5 * points[:, vectors:]
     for pair in range(len(balls.a)):
         a, b = np.uintp(balls.a[pair]), np.uintp(balls.b[pair])
         if not balls.always[pair]:
-            x = centres[zero, a, zero] - centres[zero, b, zero]
-            y = centres[zero, a, one] - centres[zero, b, one]
-            z = centres[zero, a, two] - centres[zero, b, two]
-            u = centres[one, a, zero] - centres[one, b, zero] - x
-            v = centres[one, a, one] - centres[one, b, one] - y
-            w = centres[one, a, two] - centres[one, b, two] - z
-            apart, off = least_length(x, y, z, u, v, w), size[a] + size[b]
+            apart = _least_apart(centres, a, b) - (size[a] + size[b])
             # A bound that is none (NaN) shows nothing.
-            if apart - off >= enough:
-                low = min(low, apart - off)
+            if apart >= enough:
+                low = min(low, apart)
                 continue
         for row in range(balls.shapes[pair], balls.shapes[pair + 1]):
             if not balls.always[pair]:
                 i, j = np.uintp(pairs.start_a[row]), np.uintp(pairs.start_b[row])
-                k = np.uintp(pairs.start_a[row] + pairs.to_vector)
-                m = np.uintp(pairs.start_b[row] + pairs.to_vector)
-                x = start[i, zero] - start[j, zero]
-                y = start[i, one] - start[j, one]
-                z = start[i, two] - start[j, two]
-                x += 0.5 * (start[k, zero] - start[m, zero])
-                y += 0.5 * (start[k, one] - start[m, one])
-                z += 0.5 * (start[k, two] - start[m, two])
-                u = end[i, zero] - end[j, zero] - x
-                v = end[i, one] - end[j, one] - y
-                w = end[i, two] - end[j, two] - z
-                u += 0.5 * (end[k, zero] - end[m, zero])
-                v += 0.5 * (end[k, one] - end[m, one])
-                w += 0.5 * (end[k, two] - end[m, two])
-                apart = least_length(x, y, z, u, v, w)
-                off = pairs.balls[row] + bend[a] + bend[b]
-                if apart - off >= enough:
-                    low = min(low, apart - off)
+                apart = _least_apart(middles, i, j)
+                apart -= pairs.balls[row] + bend[a] + bend[b]
+                if apart >= enough:
+                    low = min(low, apart)
                     continue
             rows[count] = row
             count += 1
     return rows[:count], low
+
+
+@compiled
+def _least_apart(at, i, j):
+    """How near two of the points (2, P, 3) come on chords between two instants."""
+    # Of a signed place Numba asks each time whether it counts from the end.
+    zero, one, two = np.uintp(0), np.uintp(1), np.uintp(2)
+    x = at[zero, i, zero] - at[zero, j, zero]
+    y = at[zero, i, one] - at[zero, j, one]
+    z = at[zero, i, two] - at[zero, j, two]
+    u = at[one, i, zero] - at[one, j, zero] - x
+    v = at[one, i, one] - at[one, j, one] - y
+    w = at[one, i, two] - at[one, j, two] - z
+    return least_length(x, y, z, u, v, w)
 
 
 @compiled

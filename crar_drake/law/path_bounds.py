@@ -138,57 +138,62 @@ def path_curvature(
     # The joints above i that move the shape alone are all above i, less those above
     # the first that does.
     curvature, speed = np.zeros(len(moves)), np.abs(x)
-    before = times(above, speed)
+    before, same = times(above, speed), alike(moves)
+    joints, own, count = np.empty(len(x), np.int64), np.empty(len(x)), 0
     for k in range(len(moves)):
-        for shape in (1.0, -1.0):
-            common = np.inf
-            for i in range(len(x)):
-                if moves[k, i] == shape:
-                    common = min(common, before[i])
-            for i in range(len(x)):
-                if moves[k, i] == shape:
-                    own = speed[i] + 2.0 * (before[i] - common)
-                    curvature[k] += reach[k, i] * speed[i] * own
+        if not same[k]:
+            count = 0
+            for shape in (1.0, -1.0):
+                common, begun = np.inf, count
+                for i in range(len(x)):
+                    if moves[k, i] == shape:
+                        joints[count], common = i, min(common, before[i])
+                        count += 1
+                for j in range(begun, count):
+                    own[j] = speed[joints[j]] + 2.0 * (before[joints[j]] - common)
+        for j in range(count):
+            i = joints[j]
+            curvature[k] += reach[k, i] * speed[i] * own[j]
     return curvature
 
 
 @compiled
-def _shadow(n, at, pairs, start, hull, V, half):
-    """The ends of a moving shape's shadow on n, less its radius, when a time begins and
-    when it ends: the lowest at both, and the highest at both [m].
+def alike(A: np.ndarray) -> np.ndarray:
+    """(k,) bool, which rows of A (k, n) are as the one before: the pairs of shapes of
+    two links are side by side, and moved by the same joints."""
+    found = np.zeros(len(A), np.bool_)
+    for k in range(1, len(A)):
+        i = 0
+        while i < A.shape[1] and A[k, i] == A[k - 1, i]:
+            i += 1
+        found[k] = i == A.shape[1]
+    return found
+
+
+@compiled
+def _shadow(x, y, z, at, first, count, to_vector, V, k, half):
+    """How low a moving shape's shadow on n, (x, y, z), begins and ends [m].
 
     A point's shadow n . p moves at n . (v + w x p) to the first order, so that at t it
-    is (n + t n x w) . p + t n . v: that of a resting shape on another direction.
-
-    Args:
-        n: (3,) unit direction.
-        at, pairs: of `shadow_gap`.
-        start, hull: of the shape, as of `ShapePairs`.
-        V: (6,) its spatial velocity about the world's origin.
-        half: the time is within [-half, half].
+    is (n + t n x w) . p + t n . v: that of a resting shape on another direction. From
+    `first` on are its `count` corners, or an axis (0); its velocity is V[k]. To hand on
+    arrays of these would take longer than all the rest.
     """
-    hulls, first, count = pairs.hulls.value, start, 2
-    if hull >= 0:
-        first, count = start + hulls.after[hull], hulls.corners[hull]
-    a, b, c = n[0], n[1], n[2]
-    moved = half * (a * V[3] + b * V[4] + c * V[5])
-    turned_0 = half * (b * V[2] - c * V[1])
-    turned_1 = half * (c * V[0] - a * V[2])
-    turned_2 = half * (a * V[1] - b * V[0])
-    low_0 = low_1 = np.inf
-    high_0 = high_1 = -np.inf
-    x = y = z = 0.0
-    for i in range(count):
-        if hull >= 0 or i == 0:
-            x, y, z = at[first + i, 0], at[first + i, 1], at[first + i, 2]
-        else:
-            u = at[start + pairs.to_vector]
-            x, y, z = x + u[0], y + u[1], z + u[2]
-        here = a * x + b * y + c * z
-        more = moved + (turned_0 * x + turned_1 * y + turned_2 * z)
-        low_0, high_0 = min(low_0, here - more), max(high_0, here - more)
-        low_1, high_1 = min(low_1, here + more), max(high_1, here + more)
-    return low_0, low_1, high_0, high_1
+    moved = half * (x * V[k, 3] + y * V[k, 4] + z * V[k, 5])
+    turned_0 = half * (y * V[k, 2] - z * V[k, 1])
+    turned_1 = half * (z * V[k, 0] - x * V[k, 2])
+    turned_2 = half * (x * V[k, 1] - y * V[k, 0])
+    begins = ends = np.inf
+    a = b = c = 0.0
+    for i in range(max(count, 2)):
+        j = np.uintp(first + (i if count else i * to_vector))
+        if count:
+            a = b = c = 0.0
+        a, b, c = a + at[j, 0], b + at[j, 1], c + at[j, 2]
+        here = x * a + y * b + z * c
+        more = moved + (turned_0 * a + turned_1 * b + turned_2 * c)
+        begins, ends = min(begins, here - more), min(ends, here + more)
+    return begins, ends
 
 
 @compiled
@@ -223,13 +228,20 @@ def shadow_gap(
         where it ends [m].
     """
     begins, ends = np.empty(len(n)), np.empty(len(n))
+    hulls, vector = pairs.hulls.value, pairs.to_vector
+    after, corners = hulls.after, hulls.corners
     for k in range(len(n)):
-        of = some[k]
-        start, hull = pairs.start_a[of], pairs.hull_a[of]
-        low_0, low_1, _, _ = _shadow(n[k], at, pairs, start, hull, a[k], half)
-        start, hull = pairs.start_b[of], pairs.hull_b[of]
-        _, _, high_0, high_1 = _shadow(n[k], at, pairs, start, hull, b[k], half)
-        begins[k], ends[k] = low_0 - high_0, low_1 - high_1
+        x, y, z, of = n[k, 0], n[k, 1], n[k, 2], np.uintp(some[k])
+        first, hull, count = pairs.start_a[of], pairs.hull_a[of], 0
+        if hull >= 0:
+            first, count = first + after[hull], corners[hull]
+        a_0, a_1 = _shadow(x, y, z, at, first, count, vector, a, k, half)
+        first, hull, count = pairs.start_b[of], pairs.hull_b[of], 0
+        if hull >= 0:
+            first, count = first + after[hull], corners[hull]
+        # The highest of b along n, as the lowest against it.
+        b_0, b_1 = _shadow(-x, -y, -z, at, first, count, vector, b, k, half)
+        begins[k], ends[k] = a_0 + b_0, a_1 + b_1
     return begins, ends
 
 
@@ -276,7 +288,7 @@ def path_bounds(
     fastest = np.maximum(np.abs(x), np.abs(x + 2.0 * bend))
     curvature = path_curvature(fastest, moves, reach, above)
     curvature += 2.0 * travel(bend, reach)
-    points = np.zeros((len(r.first), 3))
+    points, links = np.zeros((len(r.first), 3)), np.cumsum(~alike(moves))
     open_, begun = parts, round(np.log2(len(parts)))
     for halving in range(begun, _HALVINGS + 1):
         half = 0.5 / len(open_)
@@ -290,7 +302,7 @@ def path_bounds(
             rate = x + (2.0 * t) * bend
             S = place_pairs(points, start + moved, shapes, r)
             d, n, _, _ = nearest_points(points, pairs, shapes)
-            a, b = own_velocities(S, rate, moves, some)
+            a, b = own_velocities(S, rate, moves, links, some)
             begins, ends = shadow_gap(n, points, pairs, shapes, a, b, half)
             for k in range(len(some)):
                 pair = some[k]
@@ -339,11 +351,11 @@ def gradients_at(
     """
     failed = np.flatnonzero(bounds.at >= 0.0)
     g, points = np.zeros((len(failed), len(x))), np.zeros((len(r.first), 3))
-    for k in range(len(failed)):
-        some = failed[k : k + 1]
-        there = start + bounds.at[some[0]] * x
-        _, found = distances_at(points, there, rows[some], r)
-        put(g[k], 0, found[0])
+    for t in np.unique(bounds.at[failed]):
+        some = np.flatnonzero(bounds.at[failed] == t)
+        _, found = distances_at(points, start + t * x, rows[failed[some]], r)
+        for k in range(len(some)):
+            put(g[some[k]], 0, found[k])
     return failed, g
 
 

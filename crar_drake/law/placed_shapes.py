@@ -89,7 +89,7 @@ def distances_at(
 
 @compiled
 def own_velocities(
-    S: np.ndarray, x: np.ndarray, moves: np.ndarray, some: np.ndarray
+    S: np.ndarray, x: np.ndarray, moves: np.ndarray, links: np.ndarray, some: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Spatial velocities (k, 6), (k, 6) of both shapes of pairs, seen from what carries
     both.
@@ -98,10 +98,15 @@ def own_velocities(
         S: (6, nv) `joint_motion`.
         x: (nv,) what each joint moves in a unit of time.
         moves: (Np, nv) of `ShapePairs`.
-        some: (k,) which.
+        links: (Np,) numbers, alike where `moves` are.
+        some: (k,) which, those of the same links side by side.
     """
     a, b = np.zeros((len(some), 6)), np.zeros((len(some), 6))
     for k in range(len(some)):
+        if k and links[some[k]] == links[some[k - 1]]:
+            put(a[k], 0, a[k - 1])
+            put(b[k], 0, b[k - 1])
+            continue
         for j in range(len(x)):
             carries = moves[some[k], j]
             if carries != 0.0:

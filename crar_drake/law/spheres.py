@@ -15,7 +15,7 @@ import numpy as np
 
 from crar_drake.errors import ScenarioError
 from crar_drake.law.approach import Approach
-from crar_drake.law.compilation import hold
+from crar_drake.law.compilation import compiled, hold
 from crar_drake.law.moving_obstacles import (
     MOVING,
     STILL,
@@ -197,21 +197,20 @@ class MovingSpheres:
         return rows if self._evading is None else stacked([rows, self._evading])
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
-        wanted = FALLING if correct else FIRST
-        of = self._keep, wanted, self._spheres, self._world
         line = state.q, _after(state, s), self._numbers.period
-        lacks, clearance = line_bounds(*line, *of)
+        of = self._spheres, self._world
+        if not correct:
+            safe, clearance, worst = _first_lack(*line, self._keep, *of)
+            return SafetyCheck(safe, clearance, index=worst)
+        lacks, clearance = line_bounds(*line, self._keep, FALLING, *of)
         if not lacks.any():
             return SafetyCheck(True, clearance)
         _, *worst = np.unravel_index(np.argmax(lacks), lacks.shape)
         # No rows: a correction would leap to where the sphere cannot come any more.
-        check = SafetyCheck(False, clearance, index=tuple(worst))
-        if not correct:
-            return check
-        failed = self._links.carried[lacks.any(axis=(0, 2))]
-        share = state.period / state.T
-        share = harmless_share(state.q, state.v, share * s, self._world)
-        return check._replace(joints=failed.any(axis=0), share=share)
+        failed = self._links.carried[lacks.any(axis=(0, 2))].any(axis=0)
+        change = state.period / state.T * s
+        share = harmless_share(state.q, state.v, change, self._world)
+        return SafetyCheck(False, clearance, None, failed, tuple(worst), "", share)
 
     def clear_after(self, braked: bool) -> np.ndarray:
         """(N,) bool, of which spheres the next state is safe: the present one is, or
@@ -228,6 +227,15 @@ class MovingSpheres:
             link, sphere = check.index
         names = str(regions.spheres.keys[sphere]), self.links[link]
         return None if link < 0 else names
+
+
+@compiled
+def _first_lack(q, v, before, keep, spheres, world):
+    """Whether `line_bounds` finds nothing lacking; its clearance; the link and sphere
+    of what it finds first. Arrays take time to hand out."""
+    lacks, clearance = line_bounds(q, v, before, keep, FIRST, spheres, world)
+    worst, (_, links, N) = np.argmax(lacks), lacks.shape
+    return not lacks.any(), clearance, (worst // N % links, worst % N)
 
 
 def _spheres(of: Obstacles, which: np.ndarray | slice = slice(None)) -> Spheres:

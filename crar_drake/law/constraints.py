@@ -38,6 +38,8 @@ class Braking:
     known: bool = False
     # where obstacles are at the next step at most; None without any
     regions: Regions | None = None
+    # `State.slip` as it was seen, of the last 10 ms; None where there is none
+    slip: np.ndarray | None = None
 
 
 class Taken(NamedTuple):
@@ -153,17 +155,19 @@ class RobotConstraints:
 
         T is that of the step before, or the next that will do; it grows only onto a
         braking path that every constraint finds safe. On the ground it is fixed, and
-        among obstacles, but where it has yet to come there.
+        among obstacles, but where it has yet to come there. A robot that did not do as
+        it was told keeps T, too: over a shorter one the motors may not brake it.
 
         Args:
             q, v: (nv,), (nv,) positions and velocities, controlled joints first.
-            before: of the step before, if the robot did as it was told.
+            before: of the step before.
             nominal, prescribed_acceleration, keep_rows, along: of `State`.
         """
         state = State(
             *(q, v, self.model.n, before.T or self.T, self.period, self.plant_step),
             *(nominal, before.known, prescribed_acceleration, keep_rows, along),
         )
+        state.slip = before.slip
         T, known = before.T, before.known
         if self.ground is not None or (T == self.T and before.regions is not None):
             state.take_T(self.T, known and T == self.T)
@@ -216,7 +220,7 @@ class RobotConstraints:
             regions = regions.later(self.period, self.among.clear_after(unknown))
         clear = self.is_clear(state.q, pairs.present_is_clear, before.regions)
         clearance = float(found.clearances.get(pairs.name, pairs.least_kept))
-        left = Braking(state.T, pairs.present_is_clear, regions)
+        left = Braking(state.T, pairs.present_is_clear, regions, state.slip)
         return Taken(found, clear, clearance, left)
 
     def is_clear(self, q: np.ndarray, known: bool, regions: Regions | None) -> bool:

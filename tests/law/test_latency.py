@@ -111,6 +111,19 @@ def test_a_plan_that_is_told_bears_a_state_15_ms_late():
     np.testing.assert_allclose(moved[1], moved[0], atol=1e-4)
 
 
+def test_a_robot_that_is_off_is_braked_as_its_motors_can():
+    """A violent stretch, 30 ms late, with masses that are 20 % more."""
+    scenario = Scenario(
+        motion="dance",
+        experiment="wrists",
+        controller=LookaheadParameters(period=PERIOD, latency=0.03),
+        disturbances=Disturbances(1.2, delay_periods=6),
+        duration=5.1,
+    )
+    summary = run_scenario(scenario, record=False).summary
+    assert summary.violated_samples == 0
+
+
 def test_it_goes_on_while_targets_are_lost(model):
     law = ControlLaw(model, parameters(0.01))
     q = start(model)

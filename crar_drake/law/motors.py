@@ -7,7 +7,8 @@ k periods on, are
 
 and so they are of the next braking path, for larger k. A state is safe if on this curve
 the torques of q_ddot = -w q_dot / T are within the limits, down to w = 0: what holds
-the robot where it comes to rest. A step is safe if its torques are within the limits
+the robot where it comes to rest. Prescribed joints go on in it as they do: a pelvis
+that walks does not stop within T, and no torso has the torque to make it. A step is safe if its torques are within the limits
 now, in the middle and at the end of the period, and it leads to a safe state. A motor
 that the present braking path takes beyond its limit already is taken no farther.
 
@@ -60,6 +61,7 @@ class Efforts(NamedTuple):
     order: np.ndarray  # (nv,) of `Robot`
     positions: np.ndarray  # (nv,)
     limits: np.ndarray  # (M,) [Nm or N]
+    n: int  # joints that brake: the others go on as they do
 
 
 class Motors:
@@ -82,7 +84,7 @@ class Motors:
         """
         some = np.flatnonzero(np.isfinite(limits))
         share, limits = model.effort_of_joints[some], limits[some]
-        of = share, model.order, model.positions, limits
+        of = share, model.order, model.positions, limits, model.n
         self._efforts = hold(Efforts(model.dynamics, *of))
         self.aimed = (1.0 - _INSIDE) * limits
         self._at: tuple[np.ndarray, np.ndarray] | None = None
@@ -119,7 +121,7 @@ class Motors:
                 over a shorter is a part of the present one.
         """
         q, v = state.q, state.v
-        given = *self.affine(q, v), self.aimed, v, vdot
+        given = *self.affine(q, v), self.aimed, v, vdot, state.n
         uses = braking_use(*given, np.array(choices), state.period)
         times_ = state.period, state.plant_step, self._efforts
         chosen, least, lacks = None, state.T, np.inf
@@ -204,11 +206,13 @@ def braking_torques(
     plant_step: float,
     efforts: Efforts,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) torques of braking of all joints over T [s] from a state (nv,), (nv,):
+    """(M,) torques of braking of n joints over T [s] from a state (nv,), (nv,):
     signed, the largest on the way; (M,) the share w of the speed there."""
     kappa, slower = 1.0 - 0.5 * (period + plant_step) / T, 1.0 - period / T
     M = len(efforts.limits)
     signed, at = np.zeros(M), np.ones(M)
+    brakes = v.copy()
+    brakes[efforts.n :] = 0.0
     farthest, parts = T * np.abs(v).max(), _PARTS
     if farthest < _PARTS * _APART:
         parts = min(1 + int(farthest / _APART), _PARTS)
@@ -220,7 +224,7 @@ def braking_torques(
             if end and w == 0.0:
                 break
             there = q + (kappa * T * (1.0 - left)) * v
-            tau = torques(there, left * v, (-w / T) * v, efforts)
+            tau = torques(there, left * v, (-w / T) * brakes, efforts)
             for m in range(M):
                 if not abs(tau[m]) <= abs(signed[m]):  # a NaN stays
                     signed[m], at[m] = tau[m], w
@@ -329,20 +333,23 @@ def braking_use(
     L: np.ndarray,
     v: np.ndarray,
     vdot: np.ndarray,
+    n: int,
     choices: np.ndarray,
     period: float,
 ) -> np.ndarray:
-    """(K, 2) the largest share of a limit that braking of all joints over each T takes:
-    now; and after vdot (nv,), held for a period.
+    """(K, 2) the largest share of a limit that braking over each T takes: now; and after vdot (nv,), held for a period.
 
     Args:
         A, b: (M, nv), (M,) of the torques A q_ddot + b, and
         L: (M,) what is aimed at [Nm or N].
         v: (nv,) velocities.
+        n: how many joints are controlled, and brake.
         choices: (K,) of T [s].
         period: [s].
     """
     found, then = np.empty((len(choices), 2)), v + period * vdot
+    v = v.copy()
+    v[n:] = then[n:] = 0.0
     for k in range(len(choices)):
         found[k, 0] = (np.abs(times(A, v / -choices[k]) + b) / L).max()
         found[k, 1] = (np.abs(times(A, then / -choices[k]) + b) / L).max()
@@ -365,8 +372,9 @@ def motor_rows(A, b, L, v, prescribed, n, T, period):
             moving += A[i, j] * v[j]
             size += A[i, j] ** 2
         for j in range(A.shape[1]):
-            brake -= A[i, j] * v[j] / T
-            if j >= n:
+            if j < n:
+                brake -= A[i, j] * v[j] / T
+            else:
                 still += A[i, j] * (prescribed[j - n] - v[j]) / T
         size = np.sqrt(size)
         left = min(abs(brake), abs(brake - share * (brake - b[i])))

@@ -84,7 +84,8 @@ def near_on_way(
     """
     rows, count, low = np.empty(balls.shapes[-1], dtype=np.int64), 0, np.inf
     size, vectors = balls.radius + bend, pairs.to_vector
-    middles = points[:, :-vectors] + 0.5 * points[:, vectors:]
+    starts = points.shape[1] - vectors  # no pair has no vector
+    middles = points[:, :starts] + 0.5 * points[:, vectors:]
     for pair in range(len(balls.a)):
         a, b = np.uintp(balls.a[pair]), np.uintp(balls.b[pair])
         if not balls.always[pair]:

@@ -8,9 +8,10 @@ k periods on, are
 and so they are of the next braking path, for larger k. A state is safe if on this curve
 the torques of q_ddot = -w q_dot / T are within the limits, down to w = 0: what holds
 the robot where it comes to rest. Prescribed joints go on in it as they do: a pelvis
-that walks does not stop within T, and no torso has the torque to make it. A step is safe if its torques are within the limits
-now, in the middle and at the end of the period, and it leads to a safe state. A motor
-that the present braking path takes beyond its limit already is taken no farther.
+that walks does not stop within T, and no torso has the torque to make it. A step is
+safe if its torques are within the limits now, in the middle and at the end of the
+period, and it leads to a safe state. A motor that the present braking path takes beyond
+its limit already is taken no farther.
 
 What is asked between places of the curve, and within a period, is observed (see
 `docs/measurements/adversary.md`), not proved. Braking more slowly takes less:
@@ -337,7 +338,8 @@ def braking_use(
     choices: np.ndarray,
     period: float,
 ) -> np.ndarray:
-    """(K, 2) the largest share of a limit that braking over each T takes: now; and after vdot (nv,), held for a period.
+    """(K, 2) the largest share of a limit that braking over each T takes: now; and
+    after vdot (nv,), held for a period.
 
     Args:
         A, b: (M, nv), (M,) of the torques A q_ddot + b, and

@@ -38,8 +38,6 @@ class Braking:
     known: bool = False
     # where obstacles are at the next step at most; None without any
     regions: Regions | None = None
-    # `State.slip` as it was seen, of the last 10 ms; None where there is none
-    slip: np.ndarray | None = None
 
 
 class Taken(NamedTuple):
@@ -167,7 +165,6 @@ class RobotConstraints:
             *(q, v, self.model.n, before.T or self.T, self.period, self.plant_step),
             *(nominal, before.known, prescribed_acceleration, keep_rows, along),
         )
-        state.slip = before.slip
         T, known = before.T, before.known
         if self.ground is not None or (T == self.T and before.regions is not None):
             state.take_T(self.T, known and T == self.T)
@@ -220,7 +217,7 @@ class RobotConstraints:
             regions = regions.later(self.period, self.among.clear_after(unknown))
         clear = self.is_clear(state.q, pairs.present_is_clear, before.regions)
         clearance = float(found.clearances.get(pairs.name, pairs.least_kept))
-        left = Braking(state.T, pairs.present_is_clear, regions, state.slip)
+        left = Braking(state.T, pairs.present_is_clear, regions)
         return Taken(found, clear, clearance, left)
 
     def is_clear(self, q: np.ndarray, known: bool, regions: Regions | None) -> bool:

@@ -49,7 +49,6 @@ _BLENDED = 1.0, 0.0, 0.0  # of `smooth_step`, once it is over
 # A robot that is off its command by less is where it was told to be [rad or m, per
 # second]: what was shown of the command holds, for the safety distance has it to spare.
 _AS_TOLD = 1e-6
-_SLIP_TIME = 0.01  # for which what it did besides counts [s]
 _STATUS = {status: np.array([status]) for status in STATUS_WORDS}
 
 
@@ -423,7 +422,7 @@ class ControlLaw:
             off = before.solution.position_command - np.concatenate((q, v))
             told = bool(np.abs(off).max() <= _AS_TOLD)
         if not told:
-            known = Braking(known.T, slip=self._slip(before, v))
+            known = Braking(known.T)
             if regions is not None:
                 regions = replace(regions, clear=np.zeros_like(regions.clear))
                 obstacles = regions.spheres if obstacles is None else obstacles
@@ -431,16 +430,6 @@ class ControlLaw:
             at = self.model.in_order(q, v)
             regions = self.among.regions(regions, obstacles, *at)
         return replace(known, regions=regions)
-
-    def _slip(self, before: Memory, v: np.ndarray) -> np.ndarray | None:
-        """(L9): what the robot did besides what it was told, through a first-order
-        low-pass: as of `Braking.slip`, of velocities (nv,) that are believed."""
-        if before.kept is None:
-            return None
-        seen = (v - before.v) / self._period - before.solution.acceleration
-        share, seen = min(1.0, self._period / _SLIP_TIME), seen[self.model.order]
-        was = before.braking.slip
-        return share * seen + (0.0 if was is None else (1.0 - share) * was)
 
     def _solved(
         self,

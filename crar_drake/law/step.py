@@ -52,9 +52,6 @@ class State:
         desired: (nv,) s that is taken bit-identical if it is safe; None if none is.
         lowest, highest: (n,) bounds of s, 0 between them; constraints replace them by
             narrower ones.
-        slip: (nv,) accelerations besides the commanded ones, (L9): rows that they go
-            against ask for so much more [rad/s^2 or m/s^2]; None of a robot that does
-            as it is told.
         keep_rows: whether rows hold for a step that is safe without them, too: there is
             something to be left, as a constraint says; or the nominal asks for it.
         root: (n, n) L, the projection is the nearest in L L^T; (0, 0) for the identity.
@@ -85,7 +82,7 @@ class State:
         """
         self.q, self.v, self.n = q, v, n
         self.T, self.period, self.plant_step = T, period, plant_step
-        self.known, self.desired, self.slip = known, None, None
+        self.known, self.desired = known, None
         self._make_nominal, self._prescribed = nominal, prescribed_acceleration
         self.lowest, self.highest = _unbounded(n)
         self.keep_rows, self.root, self.along = keep_rows, _NO_ROOT, along
@@ -262,14 +259,7 @@ def step(state: State, constraints: Sequence[Constraint]) -> Step:
 def _rows(state: State, constraints: Sequence[Constraint]) -> list[Rows]:
     """What all constraints ask of the nominal."""
     asked = [constraint.rows(state) for constraint in constraints]
-    asked = [rows for rows in asked if rows is not None and len(rows.least)]
-    if state.slip is None:
-        return asked
-    slip = state.T * state.slip[: state.n]
-    lost = [np.minimum(rows.g @ slip, 0.0) for rows in asked]
-    return [
-        rows._replace(least=rows.least - x) for rows, x in zip(asked, lost, strict=True)
-    ]
+    return [rows for rows in asked if rows is not None and len(rows.least)]
 
 
 def _keeps(asked: Sequence[Rows], s: np.ndarray) -> bool:

@@ -12,11 +12,10 @@ from small_robots import add_plant, chain_urdf, make_model
 
 from crar_drake import EXPERIMENTS, PaperGains, position_tasks
 from crar_drake.judging.referee import Referee
-from crar_drake.law import Rows, SafetyCheck, State, hard_rows
 from crar_drake.law.constraints import Braking
 from crar_drake.law.control_law import ControlLaw
 from crar_drake.law.parameters import LookaheadParameters
-from crar_drake.law.step import SCALED, step
+from crar_drake.law.step import SCALED
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -255,30 +254,3 @@ def test_another_margin_is_kept():
             q, v = next_state(model, q, v, a, 0.01)
             smallest = min(smallest, judge.worst(q, v)[0])
     assert 0.025 - 1e-9 <= smallest < 0.05
-
-
-class Bound:
-    """The first joint's s is at least -1."""
-
-    name = "bound"
-
-    def begin(self, state: State) -> None:
-        pass
-
-    def rows(self, state: State) -> Rows:
-        return hard_rows(np.array([[1.0, 0.0]]), np.array([-1.0]))
-
-    def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
-        return SafetyCheck(True, 0.0)
-
-
-@pytest.mark.parametrize("pushed, least", [(-5.0, -0.5), (5.0, -1.0)])
-def test_rows_that_a_slip_goes_against_ask_for_more(pushed, least):
-    """(L9) by hand: T = 0.1 s times what pushes, against the row alone."""
-    state = State(
-        *(np.zeros(2), np.zeros(2), 2, 0.1, 0.01, 0.01),
-        lambda T: np.array([-3.0, 2.0]),
-        keep_rows=True,
-    )
-    state.slip = np.array([pushed, 7.0])
-    assert step(state, [Bound()]).s == pytest.approx([least, 2.0], abs=1e-5)

@@ -7,11 +7,11 @@ k periods on, are
 
 and so they are of the next braking path, for larger k. A state is safe if on this curve
 the torques of q_ddot = -w q_dot / T are within the limits, down to w = 0: what holds
-the robot where it comes to rest. Prescribed joints go on in it as they do: a pelvis
-that walks does not stop within T, and no torso has the torque to make it. A step is
-safe if its torques are within the limits now, in the middle and at the end of the
-period, and it leads to a safe state. A motor that the present braking path takes beyond
-its limit already is taken no farther.
+the robot where it comes to rest. The deceleration of prescribed joints is not counted:
+no torso has the torque to stop a pelvis that runs within T. A step is safe if its
+torques are within the limits now, in the middle and at the end of the period, and it
+leads to a safe state. A motor that the present braking path takes beyond its limit
+already is taken no farther.
 
 What is asked between places of the curve, and within a period, is observed (see
 `docs/measurements/adversary.md`), not proved. Braking more slowly takes less:
@@ -62,7 +62,7 @@ class Efforts(NamedTuple):
     order: np.ndarray  # (nv,) of `Robot`
     positions: np.ndarray  # (nv,)
     limits: np.ndarray  # (M,) [Nm or N]
-    n: int  # joints that brake: the others go on as they do
+    n: int  # joints whose deceleration is counted: the controlled ones
 
 
 class Motors:

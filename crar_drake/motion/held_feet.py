@@ -43,7 +43,7 @@ THRESHOLDS = ContactThresholds(
 # Who does not fall stands on something: where no foot stands otherwise, one that is as
 # slow, and no higher than this, does. Its recording is off by more.
 _STANDS_HIGH = ContactThresholds(
-    height_on=0.06, height_off=0.09, speed_on=0.25, speed_off=0.5
+    height_on=0.08, height_off=0.11, speed_on=0.25, speed_off=0.5
 )
 _FALLS = 9.81 / 3.0  # [m/s^2] downwards, of the hips of somebody who falls
 

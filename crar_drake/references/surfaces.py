@@ -268,8 +268,9 @@ def _one_is_inside(points, vertices, faces):
                 length[i] = np.sqrt(a * a + b * b + c * c)
             # Solid angles: A. van Oosterom and J. Strackee, 1983.
             a, b, c = arms
-            normal = np.cross(b, c)
-            above = a[0] * normal[0] + a[1] * normal[1] + a[2] * normal[2]
+            above = a[0] * (b[1] * c[2] - b[2] * c[1])
+            above += a[1] * (b[2] * c[0] - b[0] * c[2])
+            above += a[2] * (b[0] * c[1] - b[1] * c[0])
             below = length[0] * length[1] * length[2]
             for i in range(3):
                 u, v, other = arms[i], arms[(i + 1) % 3], length[(i + 2) % 3]

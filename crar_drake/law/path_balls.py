@@ -73,7 +73,8 @@ def near_on_way(
     """The pairs of shapes that are not shown to keep a distance on a way.
 
     Args:
-        centres: (2, B, 3) of the links' balls where the way begins and ends [m].
+        centres: (2, B, 3) of the links' balls where the way begins and ends, or (1, B,
+            3) where they stay [m].
         points: (2, P, 3) the shapes' axes there, as `ShapePairs` wants them [m].
         bend: (B,) how far each link may be off its chord [m].
         enough: the distance [m].
@@ -111,13 +112,13 @@ def near_on_way(
 def _least_apart(at, i, j):
     """How near two of the points (2, P, 3) come on chords between two instants."""
     # Of a signed place Numba asks each time whether it counts from the end.
-    zero, one, two = np.uintp(0), np.uintp(1), np.uintp(2)
+    zero, one, two, last = np.uintp(0), np.uintp(1), np.uintp(2), np.uintp(len(at) - 1)
     x = at[zero, i, zero] - at[zero, j, zero]
     y = at[zero, i, one] - at[zero, j, one]
     z = at[zero, i, two] - at[zero, j, two]
-    u = at[one, i, zero] - at[one, j, zero] - x
-    v = at[one, i, one] - at[one, j, one] - y
-    w = at[one, i, two] - at[one, j, two] - z
+    u = at[last, i, zero] - at[last, j, zero] - x
+    v = at[last, i, one] - at[last, j, one] - y
+    w = at[last, i, two] - at[last, j, two] - z
     return least_length(x, y, z, u, v, w)
 
 
@@ -183,41 +184,3 @@ def near_segment(
         near[k][rows] = True
     rows = np.flatnonzero(near.sum(axis=0))
     return rows, np.ascontiguousarray(near[:, rows]), low, points
-
-
-@compiled
-def near_balls(
-    points: np.ndarray,
-    starts: np.ndarray,
-    to_vector: int,
-    balls: np.ndarray,
-    enough: float,
-) -> np.ndarray:
-    """Which of N pairs of shapes have balls about them that are nearer than `enough`.
-
-    Of many pairs of few shapes, in one configuration.
-
-    Args:
-        points: (P, 3) the shapes' axes, as `ShapePairs` wants them [m].
-        starts: (2, N) where the axes of a, and of b, start, among these.
-        to_vector: of `ShapePairs`.
-        balls: (N,) of `ShapePairs` [m].
-        enough: [m]; infinite for all.
-
-    Returns:
-        (M,) in ascending order; those that are not a number are among them.
-    """
-    middles = np.empty((len(points) - to_vector, 3))
-    for i in range(len(middles)):
-        for c in range(3):
-            middles[i, c] = points[i, c] + 0.5 * points[i + to_vector, c]
-    near, count = np.empty(len(balls), np.int64), 0
-    for i in range(len(balls)):
-        a, b = np.uintp(starts[0, i]), np.uintp(starts[1, i])
-        x = middles[a, 0] - middles[b, 0]
-        y = middles[a, 1] - middles[b, 1]
-        z = middles[a, 2] - middles[b, 2]
-        far = max(balls[i] + enough, 0.0)
-        near[count] = i
-        count += not x * x + y * y + z * z >= far * far
-    return near[:count]

@@ -17,11 +17,11 @@ from crar_drake.law.kinematics import (
     link_poses,
     place_points,
 )
-from crar_drake.law.path_balls import near_balls
+from crar_drake.law.path_balls import near_on_way
 from crar_drake.law.vectors import put, select_rows
 from crar_drake.robot.model import ControlModel
 
-_ROOM = 4096  # rows, to begin with
+_ROOM = 128  # rows of a sample, to begin with
 
 
 def configurations(model: ControlModel, rest: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -56,7 +56,7 @@ def join_rows(*rows: NearRows) -> NearRows:
 
 @compiled
 def find_near_rows(
-    q: np.ndarray, enough: np.ndarray, room: np.ndarray, before: int, robot: Held
+    q: np.ndarray, enough: np.ndarray, room: np.ndarray, before: int, shapes: Held
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The fields of `NearRows`; gradients of unknowns of which n joints come last.
 
@@ -65,39 +65,41 @@ def find_near_rows(
         enough: (S,) pairs that are as far apart are left out [m].
         room: (Nr,) and those that are so much farther apart than that.
         before: number of unknowns before the joints.
-        robot: holds the `Robot`.
+        shapes: holds `Shapes`.
     """
-    r = robot.value
-    pairs, tree, n = r.pairs.value, r.tree.value, r.n
-    nv, count = len(r.order), len(pairs.moves)
-    # int32, for what is read of all pairs at each sample to be little.
-    starts = np.empty((2, count), np.int32)
-    starts[0], starts[1] = pairs.start_a, pairs.start_b
-    balls = pairs.balls + room
-    samples, rows = np.empty(_ROOM, np.int64), np.empty(_ROOM, np.int64)
-    d, g = np.empty(_ROOM), np.empty((_ROOM, before + n))
+    r, balls = shapes.value.robot.value, shapes.value.balls.value
+    pairs, tree, n, nv = r.pairs.value, r.tree.value, r.n, len(r.order)
+    still, most = np.zeros(len(balls.radius)), 0.0
+    for of_row in room:
+        most = max(most, of_row)
+    size = _ROOM * len(q)
+    samples, rows = np.empty(size, np.int64), np.empty(size, np.int64)
+    d, g = np.empty(size), np.empty((size, before + n))
     used = 0
     for k in range(len(q)):
         X = link_poses(q[k : k + 1], tree, tree.every)
         points = place_points(X, r.selection, r.first)
-        maybe = near_balls(points[0], starts, pairs.to_vector, balls, enough[k])
-        found, normal, p, _ = nearest_points(points[0], pairs, maybe)
+        centres = place_points(X, balls.centre, balls.first)
+        of = centres, points, still, enough[k] + most, pairs, balls
+        maybe, _ = near_on_way(*of)
+        far, normal, p, _ = nearest_points(points[0], pairs, maybe)
+        near = np.flatnonzero(~(far >= enough[k] + room[maybe]))
+        while used + len(near) > size:
+            samples = np.concatenate((samples, np.empty_like(samples)))
+            rows = np.concatenate((rows, np.empty_like(rows)))
+            d = np.concatenate((d, np.empty_like(d)))
+            g = np.concatenate((g, np.empty_like(g)))
+            size *= 2
+        some = maybe[near]
         S = joint_motion(points[:, : 3 * nv])[0]
-        of = distance_gradient_about_origin(
-            *(normal, p, S, select_rows(pairs.moves, maybe))
+        gradient = distance_gradient_about_origin(
+            *(select_rows(normal, near), select_rows(p, near), S),
+            select_rows(pairs.moves, some),
         )
-        for i in range(len(maybe)):
-            row = maybe[i]
-            if found[i] >= enough[k] + room[row]:
-                continue
-            if used == len(rows):
-                samples = np.concatenate((samples, np.empty_like(samples)))
-                rows = np.concatenate((rows, np.empty_like(rows)))
-                d = np.concatenate((d, np.empty_like(d)))
-                g = np.concatenate((g, np.empty_like(g)))
-            samples[used], rows[used], d[used] = k, row, found[i]
+        for i in range(len(near)):
+            samples[used], rows[used], d[used] = k, some[i], far[near[i]]
             g[used, :before] = 0.0
-            put(g[used], before, of[i, :n])
+            put(g[used], before, gradient[i, :n])
             used += 1
     return samples[:used], rows[:used], d[:used], g[:used]
 

@@ -24,7 +24,9 @@ from typing import Protocol
 import numpy as np
 
 from crar_drake.law.compilation import hold
+from crar_drake.law.path_balls import Shapes
 from crar_drake.motion.planted_feet import runs
+from crar_drake.robot.balls import find_balls
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
@@ -140,15 +142,12 @@ class Keeper:
         self.floor, self.floor_between = floor, floor_between
         self.velocity_scale = velocity_scale
         plant = model.plant
-        self._reaches = hold(
-            find_reaches(
-                model.joints,
-                model.pairs,
-                model.order,
-                plant.GetPositionLowerLimits(),
-                plant.GetPositionUpperLimits(),
-            )
+        reaches = find_reaches(
+            *(model.joints, model.pairs, model.order),
+            *(plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()),
         )
+        balls = find_balls(model)
+        self._shapes = hold(Shapes(model.robot, hold(reaches), hold(balls)))
         self.room = np.zeros(self.num_rows)
         # (T,) frames in which the distances of pairs that meshes cover do not count, or
         # None; and (num_rows,) those that meshes cover.
@@ -160,7 +159,7 @@ class Keeper:
     @property
     def num_rows(self) -> int:
         """Number of pairs of shapes that are watched."""
-        return len(self._reaches.value.reach)
+        return len(self.model.pairs.pair_of_shapes)
 
     def margins(self, q: np.ndarray) -> Margins:
         """What a motion (T, n) of the controlled joints keeps.
@@ -168,7 +167,7 @@ class Keeper:
         Speeds are shares of the robot's own limits, whatever share may be used.
         """
         if not np.array_equal(q, self._last[0]):
-            margins = find_margins(self.model, self._reaches, q, self.rate)
+            margins = find_margins(self.model, self._shapes, q, self.rate)
             self._last = q.copy(), margins
         return self._last[1]
 
@@ -177,9 +176,7 @@ class Keeper:
         asked, first_joint = at.asked, y.shape[1] - self.model.n
         whole = configurations(self.model, self.rest, y[:, first_joint:])
         rows = NearRows(
-            *find_near_rows(
-                whole, asked + look, self.room, first_joint, self.model.robot
-            )
+            *find_near_rows(whole, asked + look, self.room, first_joint, self._shapes)
         )
         if self._excused is not None:
             some = self._excused[at.frame[rows.sample]] & self._covered[rows.row]

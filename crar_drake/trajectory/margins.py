@@ -11,9 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crar_drake.law.capsule_distances import nearest_points
 from crar_drake.law.compilation import Held, compiled
+from crar_drake.law.kinematics import link_poses, place_points
+from crar_drake.law.path_balls import MANY, near_on_way, near_segment
 from crar_drake.law.path_bounds import LOWEST, path_bounds, reaching, travel
-from crar_drake.law.placed_shapes import shape_distances
 from crar_drake.robot.model import ControlModel
 from crar_drake.trajectory.distance_rows import configurations
 
@@ -22,8 +24,8 @@ from crar_drake.trajectory.distance_rows import configurations
 _FIRST_SLACK = 2e-4
 _LARGEST_SLACK = 0.05
 
-# Frames whose distances are in memory at a time.
-_BLOCK = 512
+# Where a pair is nearer than this, no pair that is farther is the nearest [m].
+_NEAR = 0.05
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Margins:
 
 def find_margins(
     model: ControlModel,
-    reaches: Held,
+    shapes: Held,
     q: np.ndarray,
     rate: float,
 ) -> Margins:
@@ -53,23 +55,19 @@ def find_margins(
 
     Args:
         model: of the robot, its root fixed; its watched pairs are examined.
-        reaches: holds `Reaches` of its pairs.
+        shapes: holds `Shapes` of its pairs.
         q: (T, n) positions of the controlled joints [rad or m].
         rate: frames per second [Hz].
     """
     frames, rest = len(q), model.rest_positions()
     distance, between = np.full((2, frames), np.inf)
     pair = np.full(frames, -1)
-    for start in range(0, frames, _BLOCK) if len(model.pairs) else ():
-        some = slice(start, start + _BLOCK + 1)  # with the way to the next
-        whole = configurations(model, rest, q[some])
-        d = shape_distances(whole, model.robot)
-        nearest = d.argmin(axis=1)
-        distance[some] = d[np.arange(len(d)), nearest]
-        pair[some] = model.pairs.pair_of_shapes[nearest]
+    if len(model.pairs):
+        whole = configurations(model, rest, q)
+        distance, nearest = nearest_shapes(whole, shapes)
+        pair = model.pairs.pair_of_shapes[nearest]
         ways = np.ascontiguousarray(whole[:, model.positions])
-        ways = bounds_between(ways, d, model.robot, reaches)
-        between[some] = np.append(ways, distance[some][-1])
+        between = np.append(bounds_between(ways, distance, shapes), distance[-1])
     fastest = model.velocity_limits[model.controlled]
     speed = np.zeros(frames)
     speed[:-1] = (np.abs(np.diff(q, axis=0)) * rate / fastest).max(axis=1)
@@ -78,9 +76,35 @@ def find_margins(
 
 
 @compiled
-def bounds_between(
-    q: np.ndarray, d: np.ndarray, robot: Held, reaches: Held
-) -> np.ndarray:
+def nearest_shapes(q: np.ndarray, shapes: Held) -> tuple[np.ndarray, np.ndarray]:
+    """The smallest signed distance of T configurations (T,) [m], and (T,) which pair of
+    shapes has it.
+
+    Args:
+        q: (T, nq) positions in the plant's order.
+        shapes: holds `Shapes`.
+    """
+    r, balls = shapes.value.robot.value, shapes.value.balls.value
+    tree, still = r.tree.value, np.zeros(len(balls.radius))
+    least, nearest = np.full(len(q), np.inf), np.zeros(len(q), np.int64)
+    for k in range(len(q)):
+        X = link_poses(q[k : k + 1], tree, tree.every)
+        points = place_points(X, r.selection, r.first)
+        centres = place_points(X, balls.centre, balls.first)
+        for enough in (_NEAR, np.inf):
+            of = centres, points, still, enough, r.pairs.value, balls
+            rows, _ = near_on_way(*of)
+            d, _, _, _ = nearest_points(points[0], r.pairs.value, rows)
+            if len(rows):
+                i = d.argmin()
+                least[k], nearest[k] = d[i], rows[i]
+            if least[k] < enough:
+                break
+    return least, nearest
+
+
+@compiled
+def bounds_between(q: np.ndarray, d: np.ndarray, shapes: Held) -> np.ndarray:
     """(T - 1,) bounds for all distances on the straight ways between T frames [m].
 
     A bound is only as close as the level that was asked for: it is sought between one
@@ -88,30 +112,32 @@ def bounds_between(
 
     Args:
         q: (T, nq) positions in the equations' order.
-        d: (T, Nr) the distances there [m].
-        robot: holds the `Robot`.
-        reaches: holds `Reaches` of all pairs.
+        d: (T,) the smallest distances there [m].
+        shapes: holds `Shapes`.
     """
-    bounds, straight = np.empty(len(q) - 1), np.zeros(len(reaches.value.above))
-    every = np.arange(d.shape[1])
+    robot, reaches = shapes.value.robot, shapes.value.reaches
+    pairs, straight = robot.value.pairs.value, np.zeros(len(reaches.value.above))
+    bounds = np.empty(len(q) - 1)
     for k in range(len(bounds)):
-        start, x = q[k], q[k + 1] - q[k]
-        nearest = min(d[k].min(), d[k + 1].min())
-        reach = reaching(start, x, straight, every, reaches.value)
-        low = 0.5 * (d[k] + d[k + 1] - travel(x, reach))
+        start, x, nearest = q[k], q[k + 1] - q[k], min(d[k], d[k + 1])
+        near, _, others, ends = near_segment(start, x, nearest, MANY, shapes.value)
+        before, _, _, _ = nearest_points(ends[0], pairs, near)
+        after, _, _, _ = nearest_points(ends[1], pairs, near)
+        reach = reaching(start, x, straight, near, reaches.value)
+        low = 0.5 * (before + after - travel(x, reach))
         slack, failed, shown = _FIRST_SLACK, 0.0, np.inf
         while slack < _LARGEST_SLACK and shown - failed > _FIRST_SLACK:
             level = nearest - slack
-            rows = np.flatnonzero(low < level)
+            some = np.flatnonzero(low < level)
             clear = True
-            if len(rows):
-                keep, of = np.full(len(rows), level), (robot.value, reaches)
-                whole = np.ones((1, len(rows)), np.bool_)
-                path = start, x, straight, rows, keep, *of, whole
-                found = path_bounds(*path, LOWEST)
-                for i in range(len(rows)):
+            if len(some):
+                keep = np.full(len(some), level)
+                whole = np.ones((1, len(some)), np.bool_)
+                of = keep, robot.value, reaches, whole
+                found = path_bounds(start, x, straight, near[some], *of, LOWEST)
+                for i in range(len(some)):
                     if found.at[i] < 0.0:
-                        low[rows[i]] = max(low[rows[i]], found.low[i])
+                        low[some[i]] = max(low[some[i]], found.low[i])
                     else:
                         clear = False
             if clear:
@@ -119,5 +145,7 @@ def bounds_between(
             else:
                 failed = slack
             slack = 4.0 * slack if np.isinf(shown) else 0.5 * (failed + shown)
-        bounds[k] = low.min()
+        bounds[k] = min(others, nearest)
+        if len(low) and not low.min() >= bounds[k]:
+            bounds[k] = low.min()
     return bounds

@@ -7,7 +7,7 @@ from sliding_balls import among_posts
 
 from crar_drake.law.compilation import Held, hold
 from crar_drake.law.kinematics import link_poses, place_points
-from crar_drake.law.path_balls import near_balls
+from crar_drake.law.path_balls import Balls, near_on_way
 from crar_drake.law.placed_shapes import shape_distances
 
 RADIUS = 0.01
@@ -36,15 +36,29 @@ def test_distances_are_those_of_each_configuration(robot) -> None:
 
 
 @pytest.mark.parametrize("enough", [-0.1, 0.0, 0.4, np.inf])
-def test_near_balls_are_those_of_which_the_distances_are_less(robot, enough) -> None:
+def test_near_in_a_posture_are_those_of_which_the_distances_are_less(
+    robot, enough
+) -> None:
     robot = robot.value
-    pairs, tree = robot.pairs.value, robot.tree.value
+    pairs, tree, count = robot.pairs.value, robot.tree.value, len(POSTS)
     q = np.random.default_rng(4).normal(size=(1, 2))
     points = place_points(link_poses(q, tree, tree.every), robot.selection, robot.first)
-    starts = np.stack([pairs.start_a, pairs.start_b])
-    of = pairs.to_vector, pairs.balls, enough
-    found = near_balls(points[0], starts, *of)
+    posts = np.column_stack([POSTS, np.zeros(count)])
+    centres = np.concatenate([[[*q[0], 0.0]], posts])[np.newaxis]
+    # Of the links the balls are larger than the shapes: these decide.
+    balls = Balls(
+        *(np.zeros((count + 1, 4)), np.zeros(count + 1, dtype=int)),
+        radius=np.full(count + 1, 2.0 * RADIUS),
+        reach=np.zeros((count + 1, 2)),
+        above=np.zeros((2, 2)),
+        a=np.zeros(count, dtype=int),
+        b=np.arange(1, count + 1),
+        shapes=np.arange(count + 1),
+        always=np.zeros(count, dtype=bool),
+    )
+    still = np.zeros(count + 1)
+    found, _ = near_on_way(centres, points, still, enough, pairs, balls)
     np.testing.assert_array_equal(found, np.flatnonzero(distances(q[0]) < enough))
-    points[:] = np.nan
-    every = near_balls(points[0], starts, *of)
-    np.testing.assert_array_equal(every, np.arange(len(POSTS)))
+    points[:], centres[:] = np.nan, np.nan
+    every, _ = near_on_way(centres, points, still, enough, pairs, balls)
+    np.testing.assert_array_equal(every, np.arange(count))

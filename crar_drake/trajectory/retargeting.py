@@ -239,15 +239,18 @@ class Retargeter:
         )
         y, violating, effort = keeper.keep(problem, y, effort, progress)
         tasks, astray = problem.tasks, problem.tasks.astray(y)
-        around = spread(astray, round(_ASTRAY_FOR * rate))
-        # Nothing is bridged to where all frames are astray.
-        if astray.any() and not around.all():
-            start = bridged(y, around)
+        # Past it of the motion that knows no constraints, then of the one that does.
+        for whose in (problem.about, y):
+            around = spread(astray, round(_ASTRAY_FOR * rate))
+            # Nothing is bridged to where all frames are astray.
+            if not astray.any() or around.all():
+                break
+            start = np.where(around[:, np.newaxis], bridged(whose, around), y)
             other = replace(problem, about=start)
             again, still, effort = keeper.keep(other, start, effort, progress, astray)
-            better = tasks.astray(again).sum() < astray.sum()
-            if better and still.sum() <= violating.sum():
-                y, violating, problem = again, still, other
+            left = tasks.astray(again)
+            if left.sum() < astray.sum() and still.sum() <= violating.sum():
+                y, violating, problem, astray = again, still, other, left
         slip = tasks.slip(y)
         if slip > 0.0:
             slipping = tasks.let_slipping_go(y)

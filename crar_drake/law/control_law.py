@@ -30,7 +30,7 @@ from crar_drake.law.paper import PaperLaw
 from crar_drake.law.parameters import LookaheadParameters, Parameters
 from crar_drake.law.plan import Plan, posture_near_limits
 from crar_drake.law.prediction import state_ahead
-from crar_drake.law.references import Nominal, Targets, TaskGains, TaskLaw
+from crar_drake.law.references import Nominal, Targets, TaskGains
 from crar_drake.law.solution import (
     STATUS_BLENDING,
     STATUS_BRAKING,
@@ -143,7 +143,7 @@ class ControlLaw:
         )
         of = model, self._period, float(gains.latency)
         self._measured = MeasuredStates(*of, self._plans)
-        self._nominal: TaskLaw
+        self._nominal: PaperLaw | Plan
         if self._plans:
             self._nominal = Plan(model, self._constraints, ahead, tasks)
         else:

@@ -12,8 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.law.compilation import compiled
-
 
 class JointCommand(NamedTuple):
     """What is desired of the joints, n of them, for the end of a period.
@@ -31,21 +29,22 @@ class JointCommand(NamedTuple):
 
     def is_finite(self) -> bool:
         """Whether all that is given is."""
-        for x in self:
-            if x is not None and not all_finite(x):
-                return False
-        return True
+        return all(x is None or np.isfinite(x).all() for x in self)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def step(
         self, q: np.ndarray, v: np.ndarray, T: float, period: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """q', q_dot' and s (n,) each, of the command as it is, from a state (n,), (n,)
         a period [s] ago; numbers that overflow are infinite or NaN."""
         if self.q is not None:
-            return self.q, *to_position(q, v, self.q, T, period)
-        after = v + period * self.a if self.v is None else self.v
-        return to_velocity(q, v, after, T, period)
+            end, after = self.q, (self.q - q) / period
+        else:
+            after = v + period * self.a if self.v is None else self.v
+            end = q + period * after
+        return end, after, v + (T / period) * (after - v)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def nominal(
         self,
         q: np.ndarray,
@@ -64,65 +63,14 @@ class JointCommand(NamedTuple):
             speed: that no joint is asked to be faster than [rad/s or m/s].
         """
         if self.a is not None:
-            return within(v + T * self.a, speed)
-        if self.q is None:
-            return within(self.v, speed)
-        rate = self.v
-        if rate is None:
-            last = self.q if before is None else before
-            rate, _ = to_position(last, v, self.q, T, period)
-        return catching_up(q, v, self.q, rate, T, period, speed)
-
-
-@compiled
-def all_finite(x: np.ndarray) -> bool:
-    """Whether no entry of x (n,) is NaN or infinite."""
-    for i in range(len(x)):
-        if not np.isfinite(x[i]):
-            return False
-    return True
-
-
-@compiled
-def to_position(
-    q: np.ndarray, v: np.ndarray, desired: np.ndarray, T: float, period: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """q_dot' and s (n,) each, of a desired position (n,), from a state (n,), (n,)."""
-    after = (desired - q) / period
-    return after, v + (T / period) * (after - v)
-
-
-@compiled
-def to_velocity(
-    q: np.ndarray, v: np.ndarray, desired: np.ndarray, T: float, period: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q', q_dot', s (n,) each, of a desired velocity (n,), from a state (n,), (n,)."""
-    return q + period * desired, desired, v + (T / period) * (desired - v)
-
-
-@compiled
-def within(s: np.ndarray, speed: float) -> np.ndarray:
-    """s (n,), no entry larger than a speed."""
-    return np.minimum(np.maximum(s, -speed), speed)
-
-
-@compiled
-def catching_up(
-    q: np.ndarray,
-    v: np.ndarray,
-    desired: np.ndarray,
-    rate: np.ndarray,
-    T: float,
-    period: float,
-    speed: float,
-) -> np.ndarray:
-    """s (n,) by which q'_s = q_d + T q_dot_d, as fast as a speed allows.
-
-    Args:
-        q, v: (n,), (n,) state.
-        desired, rate: (n,), (n,) q_d and q_dot_d.
-        T, period, speed: as of `JointCommand.nominal`.
-    """
-    e = period * period / T
-    ahead = desired + T * within(rate, speed)
-    return within((ahead - (q + (T - e) * v)) / (period + e), speed)
+            s = v + T * self.a
+        elif self.q is None:
+            s = self.v
+        else:
+            rate = self.v
+            if rate is None:
+                rate = (self.q - (self.q if before is None else before)) / period
+            ahead = self.q + T * np.clip(rate, -speed, speed)
+            e = period * period / T
+            s = (ahead - (q + (T - e) * v)) / (period + e)
+        return np.clip(s, -speed, speed)

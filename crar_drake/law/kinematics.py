@@ -355,13 +355,3 @@ def watched_distances(
     watched = r.watched.value
     d, normal, p = nearest_of_pairs(state.points, asked, r.pairs.value, watched)
     return d, distance_gradient_about_origin(normal, p, state.S, watched.moves)
-
-
-@compiled
-def evaluate_state(
-    q: np.ndarray, v: np.ndarray, asked: np.ndarray, robot: Held
-) -> tuple[State, np.ndarray, np.ndarray]:
-    """`find_state` and `watched_distances`."""
-    state = find_state(q, v, robot)
-    d, dd_dv = watched_distances(state, asked, robot)
-    return state, d, dd_dv

@@ -455,6 +455,14 @@ class PaperLaw:
         targets: Targets,
         before: np.ndarray | None,
     ) -> Nominal:
+        """The nominal of a step.
+
+        Args:
+            workspace: of the model, at the state.
+            q, v: (nq,), (nv,) the state.
+            targets: what to do.
+            before: `Nominal.kept` of the step one period ago; None at a start.
+        """
         model, inertia = self._model, _NO_MATRIX
         if self._with_inertia:
             inertia = model.inertia_matrix(workspace)

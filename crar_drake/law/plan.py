@@ -588,6 +588,7 @@ class Plan:
         targets: Targets,
         before: np.ndarray | None,
     ) -> Nominal:
+        """The nominal of a step; as of `PaperLaw`."""
         efforts = np.zeros((0, len(v) + 2))
         if self._motors is not None:
             given = self._motors.affine(*self._model.in_order(q, v))

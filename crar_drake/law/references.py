@@ -2,9 +2,7 @@
 and (14), and the nominal that a law of tasks makes of them.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,9 +17,6 @@ from crar_drake.law.tasks import (
     unpack_tasks,
 )
 from crar_drake.law.vectors import times
-
-if TYPE_CHECKING:
-    from crar_drake.robot.workspace import Workspace
 
 _NONE = np.zeros(0)
 
@@ -81,27 +76,6 @@ class Nominal(NamedTuple):
     weights: np.ndarray  # (n,) diagonal of W, Eq. (27); ones where nothing is weighed
     qdot_c: np.ndarray  # (n,) where the velocities are to go, of Eq. (15) [rad/s]
     kept: np.ndarray  # for the next step
-
-
-class TaskLaw(Protocol):
-    """A law that follows tasks; `paper.PaperLaw` and `plan.Plan` are two."""
-
-    def __call__(
-        self,
-        workspace: Workspace,
-        q: np.ndarray,
-        v: np.ndarray,
-        targets: Targets,
-        before: np.ndarray | None,
-    ) -> Nominal:
-        """The nominal of a step.
-
-        Args:
-            workspace: of the model, at the state.
-            q, v: (nq,), (nv,) the state.
-            targets: what to do.
-            before: `Nominal.kept` of the step one period ago; None at a start.
-        """
 
 
 class References(NamedTuple):

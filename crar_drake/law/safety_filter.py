@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from crar_drake.errors import InputError, ModelError, ScenarioError, nearest, tell
 from crar_drake.law.constraints import Braking, RobotConstraints, Taken
-from crar_drake.law.joint_command import JointCommand, all_finite
+from crar_drake.law.joint_command import JointCommand
 from crar_drake.law.motors import Motors
 from crar_drake.law.obstacles import Obstacles
 from crar_drake.law.parameters import (
@@ -165,10 +165,7 @@ class SafetyFilter:
         model: kinematics and distances, without tasks.
         joint_names: (n,) the joints, in the plant's order: that of all vectors.
         parameters: of the law.
-        parameters_of: what errors call them.
     """
-
-    parameters_of = "filter"
 
     def __init__(
         self,
@@ -358,7 +355,7 @@ class SafetyFilter:
 
         state = self._robot.state(memory.q, memory.v, before, nominal)
         q_next, v_next, s = desired.step(memory.q, memory.v, state.T, self._period)
-        if not all_finite(s):
+        if not np.isfinite(s).all():
             return self._brake(memory, before, NO_SENSE, error, worst)
         # Lest the robot leap, what was held back catches up no faster than this.
         calm = memory.following or np.abs(s).max() <= self._robot.fastest
@@ -447,7 +444,7 @@ class SafetyFilter:
         try:
             yield
         except ScenarioError as error:
-            text = str(error).replace("controller.", f"{self.parameters_of}.")
+            text = str(error).replace("controller.", "filter.")
             raise ScenarioError(text) from None
 
     def _desired(self, memory: FilterMemory, q, v, a) -> JointCommand:

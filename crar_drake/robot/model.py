@@ -18,7 +18,7 @@ from pydrake.systems.framework import Diagram
 
 from crar_drake.errors import ModelError
 from crar_drake.law.compilation import Held
-from crar_drake.law.kinematics import State, evaluate_state, find_state
+from crar_drake.law.kinematics import State, find_state, watched_distances
 from crar_drake.law.tasks import task_weights
 from crar_drake.robot.actuators import Actuators
 from crar_drake.robot.collision_pairs import WatchedPairs
@@ -200,8 +200,9 @@ class ControlModel:
         )
         # What may not be written to is compiled for anew.
         q, v = (np.array(x, dtype=float) for x in (q, v))
-        state = evaluate_state(q, v, self.asked_here(workspace), self.robot)
-        return ModelState.of(*state, self.n)
+        state, asked = self.task_state(q, v), self.asked_here(workspace)
+        of_pairs = watched_distances(state, asked, self.robot)
+        return ModelState.of(state, *of_pairs, self.n)
 
     def task_state(self, q: np.ndarray, v: np.ndarray) -> State:
         """The numbers of a state (nq,), (nv,), without any pair."""
@@ -217,7 +218,8 @@ class ControlModel:
         self.plant.SetPositions(workspace.plant_context, q)
         port = self.scene_graph.get_query_output_port()
         asked = self.pairs.ask_distances(port.Eval(workspace.scene_graph_context))
-        return evaluate_state(q, self._still, asked, self.robot)[1]
+        state = self.task_state(q, self._still)
+        return watched_distances(state, asked, self.robot)[0]
 
     @cached_property
     def dynamics(self) -> Held:

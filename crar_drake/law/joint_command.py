@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from crar_drake.law.compilation import compiled
+
 
 class JointCommand(NamedTuple):
     """What is desired of the joints, n of them, for the end of a period.
@@ -29,20 +31,17 @@ class JointCommand(NamedTuple):
 
     def is_finite(self) -> bool:
         """Whether all that is given is."""
-        return all(x is None or np.isfinite(x).all() for x in self)
+        return all(x is None or all_finite(x) for x in self)
 
-    @np.errstate(over="ignore", invalid="ignore")
     def step(
         self, q: np.ndarray, v: np.ndarray, T: float, period: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """q', q_dot' and s (n,) each, of the command as it is, from a state (n,), (n,)
         a period [s] ago; numbers that overflow are infinite or NaN."""
         if self.q is not None:
-            end, after = self.q, (self.q - q) / period
-        else:
-            after = v + period * self.a if self.v is None else self.v
-            end = q + period * after
-        return end, after, v + (T / period) * (after - v)
+            return self.q, *to_position(q, v, self.q, T, period)
+        after = v + period * self.a if self.v is None else self.v
+        return to_velocity(q, v, after, T, period)
 
     @np.errstate(over="ignore", invalid="ignore")
     def nominal(
@@ -74,3 +73,26 @@ class JointCommand(NamedTuple):
             e = period * period / T
             s = (ahead - (q + (T - e) * v)) / (period + e)
         return np.clip(s, -speed, speed)
+
+
+@compiled
+def all_finite(x: np.ndarray) -> bool:
+    """Whether no entry of x (n,) is NaN or infinite."""
+    return np.isfinite(x).all()
+
+
+@compiled
+def to_position(
+    q: np.ndarray, v: np.ndarray, desired: np.ndarray, T: float, period: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """q_dot' and s (n,) each, of a desired position (n,), from a state (n,), (n,)."""
+    after = (desired - q) / period
+    return after, v + (T / period) * (after - v)
+
+
+@compiled
+def to_velocity(
+    q: np.ndarray, v: np.ndarray, desired: np.ndarray, T: float, period: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """q', q_dot', s (n,) each, of a desired velocity (n,), from a state (n,), (n,)."""
+    return q + period * desired, desired, v + (T / period) * (desired - v)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from crar_drake.errors import InputError, ModelError, ScenarioError, nearest, tell
 from crar_drake.law.constraints import Braking, RobotConstraints, Taken
-from crar_drake.law.joint_command import JointCommand
+from crar_drake.law.joint_command import JointCommand, all_finite
 from crar_drake.law.motors import Motors
 from crar_drake.law.obstacles import Obstacles
 from crar_drake.law.parameters import (
@@ -355,7 +355,7 @@ class SafetyFilter:
 
         state = self._robot.state(memory.q, memory.v, before, nominal)
         q_next, v_next, s = desired.step(memory.q, memory.v, state.T, self._period)
-        if not np.isfinite(s).all():
+        if not all_finite(s):
             return self._brake(memory, before, NO_SENSE, error, worst)
         # Lest the robot leap, what was held back catches up no faster than this.
         calm = memory.following or np.abs(s).max() <= self._robot.fastest

@@ -14,22 +14,11 @@ import numba
 from numba.core import event
 from numba.experimental import structref
 
-from crar_drake.law.programs import Program
+from crar_drake.law.programs import Program, compiled
 
 COMPILING = "compiling for this computer, once: this takes some minutes"
 
 _REPORTED_EVERY = 5.0  # [s]
-
-
-def compiled(function: Callable) -> Program:
-    """Decorator: the function, compiled at its first call, and kept.
-
-    As by `numba.njit(error_model="numpy")`, but see `law.programs`.
-
-    Args:
-        function: in the part of NumPy that Numba compiles.
-    """
-    return Program.of(function)
 
 
 @structref.register

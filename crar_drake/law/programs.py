@@ -153,19 +153,6 @@ class Program(CPUDispatcher):
     """What stands for a function: compiled where it is called from Python, its part
     where it is called by another one."""
 
-    @classmethod
-    def of(cls, function: Callable) -> "Program":
-        """Of a function in the part of NumPy that Numba compiles."""
-        options = {
-            "nopython": True,
-            "boundscheck": None,
-            "error_model": "numpy",
-            "no_cfunc_wrapper": True,
-        }
-        made = cls(function, targetoptions=options, pipeline_class=ProgramCompiler)
-        made._cache = Kept(function)
-        return made
-
     def compile(self, sig):
         """As Numba does, but processes that need the same compile it once: the others
         wait, and find it."""
@@ -192,6 +179,25 @@ class Program(CPUDispatcher):
     @property
     def _numba_type_(self) -> types.Dispatcher:
         return types.Dispatcher(self.part)
+
+
+def compiled(function: Callable) -> Program:
+    """Decorator: the function, compiled at its first call, and kept.
+
+    As by `numba.njit(error_model="numpy")`, but see the top of the file.
+
+    Args:
+        function: in the part of NumPy that Numba compiles.
+    """
+    options = {
+        "nopython": True,
+        "boundscheck": None,
+        "error_model": "numpy",
+        "no_cfunc_wrapper": True,
+    }
+    made = Program(function, targetoptions=options, pipeline_class=ProgramCompiler)
+    made._cache = Kept(function)
+    return made
 
 
 class Kept:

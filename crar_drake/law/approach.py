@@ -31,7 +31,11 @@ class Approach(NamedTuple):
 
 @compiled
 def least_rate(
-    h: np.ndarray, margin: float, gamma: float, fastest: float, kappa: float
+    h: np.ndarray,
+    margin: float | np.ndarray,
+    gamma: float,
+    fastest: float,
+    kappa: float,
 ) -> np.ndarray:
     """How fast a margin has to grow at least; (C,) [m/s, rad/s].
 
@@ -41,13 +45,13 @@ def least_rate(
 
     Args:
         h: (C,) margins [m or rad].
-        margin: to be kept [m or rad].
+        margin: to be kept, of all or (C,) [m or rad].
         gamma: [1/s].
         fastest: [m/s or rad/s].
         kappa: [1/s].
     """
-    inside, outside = np.maximum(margin - h, 0.0), np.maximum(h - margin, 0.0)
-    return np.minimum(gamma * inside - kappa * outside, fastest)
+    lacks = margin - h
+    return np.minimum(np.where(lacks > 0.0, gamma, kappa) * lacks, fastest)
 
 
 @compiled

@@ -340,9 +340,8 @@ def examine_balance(
                 if left[f] and (found.at[f] == place).all():
                     left[f], row = False, f + F * on_path
                     b[row] = level[f] - found.values[f]
+                    g[row] = times(change, law.cone.rows[f])
                     for j in range(n):
-                        for c in range(6):
-                            g[row, j] += law.cone.rows[f, c] * change[j, c]
                         b[row] += g[row, j] * a[law.controlled[j]]
     return excess, g, b
 

@@ -15,14 +15,7 @@ from crar_drake.law.tasks import (
     rotation_from_quaternion,
     stack_rows,
 )
-from crar_drake.law.vectors import (
-    cross,
-    dot,
-    identity,
-    product,
-    times,
-    transposed_times,
-)
+from crar_drake.law.vectors import cross, dot, product, times, transposed_times
 
 
 @compiled
@@ -130,13 +123,9 @@ def blend_tasks(
     R, omega, omega_dot = np.empty((Na, 3, 3)), np.empty((Na, 3)), np.empty((Na, 3))
     for i in range(Na):
         at = rows.angular_rows[3 * i : 3 * i + 3]
-        R_i, omega_i, omega_dot_i = blend_rotations(
+        R[i], omega[i], omega_dot[i] = blend_rotations(
             R_start[i], target.R[i], target.v[at], target.a[at], step
         )
-        for j in range(3):
-            omega[i, j], omega_dot[i, j] = omega_i[j], omega_dot_i[j]
-            for k in range(3):
-                R[i, j, k] = R_i[j, k]
     at = rows.linear_rows
     p, v, a = blend_vectors(
         *(start[rows.position_entries], target.p.ravel()),
@@ -183,7 +172,7 @@ def rotation_from_vector(phi: np.ndarray) -> np.ndarray:
     S = np.array(
         [[0.0, -phi[2], phi[1]], [phi[2], 0.0, -phi[0]], [-phi[1], phi[0], 0.0]]
     )
-    return identity(3) + (1.0 - b * theta2) * S + a * product(S, S)
+    return np.eye(3) + (1.0 - b * theta2) * S + a * product(S, S)
 
 
 @compiled

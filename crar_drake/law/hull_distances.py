@@ -65,11 +65,7 @@ def corners_of(
     if hull >= 0:
         first = start + hulls.after[hull]
         return at[first : first + hulls.corners[hull]].copy()
-    ends = np.empty((2, 3))
-    for c in range(3):
-        ends[0, c] = at[start, c]
-        ends[1, c] = at[start, c] + at[start + to_vector, c]
-    return ends
+    return np.stack((at[start], at[start] + at[start + to_vector]))
 
 
 @compiled

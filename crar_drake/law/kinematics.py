@@ -205,17 +205,6 @@ def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray
 
 
 @compiled
-def add_motion_cross(change: np.ndarray, V: np.ndarray, X: np.ndarray) -> None:
-    """change += [w x s; w x t + u x s], in place, of V = [w; u] and X = [s; t], all
-    (6,): how X changes with a frame that moves by V."""
-    for k in range(3):
-        m, n = (k + 1) % 3, (k + 2) % 3
-        change[k] += V[m] * X[n] - V[n] * X[m]
-        change[3 + k] += V[m] * X[3 + n] - V[n] * X[3 + m]
-        change[3 + k] += V[3 + m] * X[n] - V[3 + n] * X[m]
-
-
-@compiled
 def task_bias(
     p: np.ndarray, S: np.ndarray, v: np.ndarray, tasks: TaskPoints, rows: TaskRows
 ) -> np.ndarray:
@@ -247,7 +236,11 @@ def task_bias(
             moving[c] = 0.0
             for i in range(nv):
                 moving[c] += tasks.above[j, i] * own[i, c]
-        add_motion_cross(change[j], moving, own[j])
+        for k in range(3):
+            m, n = (k + 1) % 3, (k + 2) % 3
+            change[j, k] += moving[m] * own[j, n] - moving[n] * own[j, m]
+            change[j, 3 + k] += moving[m] * own[j, 3 + n] - moving[n] * own[j, 3 + m]
+            change[j, 3 + k] += moving[3 + m] * own[j, n] - moving[3 + n] * own[j, m]
     alpha, a_p = np.empty((T, 3)), np.empty((T, 3))
     A, link, at = np.empty(6), np.empty(6), np.empty(3)
     for i in range(T):
@@ -323,9 +316,7 @@ def find_state(q: np.ndarray, v: np.ndarray, robot: Held) -> State:
     p = points[first : first + T]
     R, axes = np.empty((Na, 3, 3)), points[first + T :]
     for i in range(Na):
-        for c in range(3):
-            for k in range(3):
-                R[i, c, k] = axes[3 * i + k, c]
+        R[i] = axes[3 * i : 3 * i + 3].T
     v = v[r.order]
     return State(
         q[r.positions],

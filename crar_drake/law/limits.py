@@ -12,7 +12,7 @@ comes back, outside of it how fast it may come near, (L7), if there is such a ra
 
 import numpy as np
 
-from crar_drake.law.approach import SHARE_OF_RANGE, Approach
+from crar_drake.law.approach import SHARE_OF_RANGE, Approach, least_rate
 from crar_drake.law.compilation import Held, compiled, hold
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
@@ -101,20 +101,14 @@ def limit_rows(
 ) -> np.ndarray:
     """(2n,) the least of s and of -s: the bounds (n,) each, and `least_rate` of how far
     a joint would rest from its limits; `approach` holds an `Approach`."""
-    n, a = len(q), approach.value
-    least, kappa = np.empty(2 * n), a.limit_approach_rate
-    for i in range(n):
-        end = q[i] + T * v[i]
-        margin = min(a.limit_margin, SHARE_OF_RANGE * (upper[i] - lower[i]))
-        least[i], least[n + i] = lowest[i], -highest[i]
-        for at, h in ((i, end - lower[i]), (n + i, upper[i] - end)):
-            if h < margin:
-                least[at] = max(
-                    least[at], min(a.retreat_rate * (margin - h), a.joint_retreat_speed)
-                )
-            elif kappa < np.inf:
-                least[at] = max(least[at], kappa * (margin - h))
-    return least
+    a, end = approach.value, q + T * v
+    margin = np.minimum(a.limit_margin, SHARE_OF_RANGE * (upper - lower))
+    rate = least_rate(
+        *(np.concatenate((end - lower, upper - end)), np.concatenate((margin, margin))),
+        *(a.retreat_rate, a.joint_retreat_speed, a.limit_approach_rate),
+    )
+    # At its margin an infinite rate gives no number, and asks for nothing.
+    return np.fmax(np.concatenate((lowest, -highest)), rate)
 
 
 @compiled
@@ -141,16 +135,15 @@ def farthest_beyond(
 ) -> tuple[int, bool]:
     """The joint that a step s (nv,) takes farthest beyond, measured by what it moves in
     T, and whether that is beyond its speed; of n joints, as of `velocity_bounds`."""
-    joint, of_speed, most = 0, False, -np.inf
-    for i in range(len(q)):
-        end, after = q[i] + T * v[i], v[i] + period / T * (s[i] - v[i])
-        rest = q[i] + (period + T) * after
-        low, high = min(lower[i], q[i], end), max(upper[i], q[i], end)
-        far = max(low - rest, rest - high)
-        fast = T * (abs(after) - max(fastest[i], abs(v[i]) * (1.0 - period / T)))
-        if not max(far, fast) <= most:
-            joint, of_speed, most = i, fast > far, max(far, fast)
-    return joint, of_speed
+    end, after = q + T * v, v + period / T * (s[: len(q)] - v)
+    rest = q + (period + T) * after
+    low = np.minimum(lower, np.minimum(q, end))
+    high = np.maximum(upper, np.maximum(q, end))
+    far = np.maximum(low - rest, rest - high)
+    allowed = np.maximum(fastest, np.abs(v) * (1.0 - period / T))
+    fast = T * (np.abs(after) - allowed)
+    joint = np.argmax(np.maximum(far, fast))
+    return joint, fast[joint] > far[joint]
 
 
 @compiled

@@ -32,7 +32,7 @@ from crar_drake.law.dynamics import inertia_matrix, joint_torques
 from crar_drake.law.prediction import state_within
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
-from crar_drake.law.vectors import largest, times
+from crar_drake.law.vectors import times, to_places
 from crar_drake.robot.model import ControlModel
 
 # The share of a limit that braking may need in the next step [1]: the rest is for what
@@ -62,6 +62,7 @@ class Efforts(NamedTuple):
     order: np.ndarray  # (nv,) of `Robot`
     positions: np.ndarray  # (nv,)
     limits: np.ndarray  # (M,) [Nm or N]
+    aimed: np.ndarray  # (M,) of `Motors`
     n: int  # joints whose deceleration is counted: the controlled ones
 
 
@@ -85,15 +86,10 @@ class Motors:
         """
         some = np.flatnonzero(np.isfinite(limits))
         share, limits = model.effort_of_joints[some], limits[some]
-        of = share, model.order, model.positions, limits, model.n
-        self._efforts = hold(Efforts(model.dynamics, *of))
         self.aimed = (1.0 - _INSIDE) * limits
+        of = share, model.order, model.positions, limits, self.aimed, model.n
+        self._efforts = hold(Efforts(model.dynamics, *of))
         self._at: tuple[np.ndarray, np.ndarray] | None = None
-
-    def joint_of(self, index: int) -> int:
-        """The velocity of the joint that a motor with a limit moves, by the index of a
-        `SafetyCheck`."""
-        return int(np.argmax(self._efforts.value.share[index]))
 
     def affine(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A (M, nv), b (M,) of `affine_torques` at a state (nv,), (nv,), once a
@@ -122,8 +118,8 @@ class Motors:
                 over a shorter is a part of the present one.
         """
         q, v = state.q, state.v
-        given = *self.affine(q, v), self.aimed, v, vdot, state.n
-        uses = braking_use(*given, np.array(choices), state.period)
+        given = *self.affine(q, v), v, vdot, np.array(choices), state.period
+        uses = braking_use(*given, self._efforts)
         times_ = state.period, state.plant_step, self._efforts
         chosen, least, lacks = None, state.T, np.inf
         for T, (now, then) in zip(choices, uses.tolist(), strict=True):
@@ -149,8 +145,8 @@ class Motors:
 
     def rows(self, state: State) -> Rows:
         g, least = motor_rows(
-            *(*self._affine, self.aimed, state.v, state.prescribed, state.n),
-            *(state.T, state.period),
+            *(*self._affine, state.v, state.prescribed),
+            *(state.T, state.period, self._efforts),
         )
         # What rows lack is to be less than what is asked for ends below the limits.
         rows = hard_rows(g, least)
@@ -158,11 +154,14 @@ class Motors:
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
         safe, left, worst, g, least = check_motors(
-            *(state.q, state.v, s, *self._affine, state.n, state.T),
+            *(state.q, state.v, s, *self._affine, state.T),
             *(state.period, state.plant_step, correct, self._efforts),
         )
-        rows = hard_rows(g, least) if correct and not safe else None
-        return SafetyCheck(safe, left, rows, index=worst)
+        if safe:
+            return SafetyCheck(True, left)
+        joint = int(np.argmax(self._efforts.value.share[worst]))
+        rows = hard_rows(g, least) if correct else None
+        return SafetyCheck(False, left, rows, index=joint)
 
 
 @compiled
@@ -170,14 +169,9 @@ def torques(
     q: np.ndarray, v: np.ndarray, vdot: np.ndarray, efforts: Efforts
 ) -> np.ndarray:
     """(M,) of the motors, at a state (nv,), (nv,), of vdot (nv,) [Nm or N]."""
-    nv = len(v)
-    q_plant, v_plant, vdot_plant = np.empty(nv), np.empty(nv), np.empty(nv)
-    for i in range(nv):
-        q_plant[efforts.positions[i]] = q[i]
-        v_plant[efforts.order[i]] = v[i]
-        vdot_plant[efforts.order[i]] = vdot[i]
-    tau = joint_torques(q_plant, v_plant, vdot_plant, efforts.dynamics.value)
-    return times(efforts.share, tau)
+    q = to_places(q, efforts.positions)
+    v, vdot = to_places(v, efforts.order), to_places(vdot, efforts.order)
+    return times(efforts.share, joint_torques(q, v, vdot, efforts.dynamics.value))
 
 
 @compiled
@@ -186,10 +180,8 @@ def affine_torques(
 ) -> tuple[np.ndarray, np.ndarray]:
     """A (M, nv), b (M,): torques are A q_ddot + b at a state (nv,), (nv,)."""
     of, nv = efforts.value, len(v)
-    q_plant, A = np.empty(nv), np.zeros((len(of.limits), nv))
-    for i in range(nv):
-        q_plant[of.positions[i]] = q[i]
-    H = inertia_matrix(q_plant, of.dynamics.value)
+    H = inertia_matrix(to_places(q, of.positions), of.dynamics.value)
+    A = np.zeros((len(of.limits), nv))
     for m in range(len(A)):
         for i in range(nv):
             if of.share[m, i] != 0.0:
@@ -259,7 +251,6 @@ def check_motors(
     s: np.ndarray,
     A: np.ndarray,
     b: np.ndarray,
-    n: int,
     T: float,
     period: float,
     plant_step: float,
@@ -272,7 +263,6 @@ def check_motors(
     Args:
         q, v, s: (nv,), (nv,), (nv,) state and step, controlled joints first.
         A, b: of `affine_torques`.
-        n: how many joints are controlled.
         correct: whether rows are asked for.
 
     Returns:
@@ -281,7 +271,7 @@ def check_motors(
         from which braking takes less.
     """
     of = efforts.value
-    L, M = of.limits, len(of.limits)
+    L, M, n = of.limits, len(of.limits), of.n
     vdot, nothing = (s - v) / T, (np.zeros((0, n)), np.zeros(0))
     there, rate = state_within(q, v, vdot, period, plant_step)
     now = times(A, vdot) + b
@@ -331,24 +321,22 @@ def check_motors(
 def braking_use(
     A: np.ndarray,
     b: np.ndarray,
-    L: np.ndarray,
     v: np.ndarray,
     vdot: np.ndarray,
-    n: int,
     choices: np.ndarray,
     period: float,
+    efforts: Held,
 ) -> np.ndarray:
-    """(K, 2) the largest share of a limit that braking over each T takes: now; and
-    after vdot (nv,), held for a period.
+    """(K, 2) the largest share of what is aimed at that braking over each T takes: now;
+    and after vdot (nv,), held for a period.
 
     Args:
-        A, b: (M, nv), (M,) of the torques A q_ddot + b, and
-        L: (M,) what is aimed at [Nm or N].
+        A, b: (M, nv), (M,) of the torques A q_ddot + b.
         v: (nv,) velocities.
-        n: how many joints are controlled, and brake.
         choices: (K,) of T [s].
         period: [s].
     """
+    n, L = efforts.value.n, efforts.value.aimed
     found, then = np.empty((len(choices), 2)), v + period * vdot
     v = v.copy()
     v[n:] = then[n:] = 0.0
@@ -359,13 +347,13 @@ def braking_use(
 
 
 @compiled
-def motor_rows(A, b, L, v, prescribed, n, T, period):
+def motor_rows(A, b, v, prescribed, T, period, efforts):
     """g (2 M, n), least (2 M,), see the top of the file; arguments as of `braking_use`.
 
     Args:
         prescribed: (nv - n,) s of the joints that are not controlled.
     """
-    M, share = len(A), period / T
+    M, n, L, share = len(A), efforts.value.n, efforts.value.aimed, period / T
     g, least = np.zeros((2 * M, n)), np.empty(2 * M)
     for i in range(M):
         # The torque of standing still here, of the prescribed joints alone, of braking.
@@ -427,7 +415,7 @@ def clip_torque(tau: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, float]
         (nu,) the torque, clipped; and by which share of its limit the worst actuator
         was beyond it [1], 0 if none was.
     """
-    excess = largest(tau / limits) - 1.0
+    excess = np.abs(tau / limits).max() - 1.0
     if excess <= 1e-12:  # a rounding error of the limit is no excess
         excess = 0.0
     return np.minimum(np.maximum(tau, -limits), limits), excess

@@ -9,14 +9,12 @@ import numpy as np
 from crar_drake.law.compilation import compiled
 from crar_drake.law.vectors import (
     add_to,
+    add_to_diagonal,
     backward,
     cholesky,
     cholesky_solve,
     forward,
     gram,
-    identity,
-    largest,
-    select_rows,
     times,
     transposed_times,
 )
@@ -34,7 +32,7 @@ def one_sided_minimum(
     rows: np.ndarray,
     desired: np.ndarray,
     x: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, int]:
+) -> np.ndarray:
     """argmin x^T M x - 2 right^T x + sum max(0, desired_j - rows_j x)^2, (n,).
 
     Convex with a continuous gradient, so there is one minimum, and it is continuous in
@@ -48,30 +46,25 @@ def one_sided_minimum(
         right: (n,).
         rows, desired: (C, n), (C,).
         x: (n,) where to begin: the minimum without rows.
-
-    Returns:
-        (n,) the minimum; (C,) bool, the rows that are violated there; the passes.
     """
     active = times(rows, x) < desired
-    passes = 0
     if not active.any():
-        return x, active, passes
-    while passes < _PASSES:
-        passes += 1
+        return x
+    for _ in range(_PASSES):
         A = np.flatnonzero(active)
-        some = select_rows(rows, A)
+        some = rows[A]
         normal = gram(some)
         add_to(normal, M)
         y = cholesky_solve(cholesky(normal), right + transposed_times(some, desired[A]))
         violated = times(rows, y) < desired
         if (violated == active).all():
-            return y, active, passes
+            return y
         way = y - x
-        if not largest(way) > _NO_WAY * largest(y):
-            return y, active, passes  # rows that just hold, to rounding, or NaN
+        if not np.abs(way).max() > _NO_WAY * np.abs(y).max():
+            return y  # rows that just hold, to rounding, or NaN
         x = x + _lowest_on_way(M, right, rows, desired, x, way) * way
         active = times(rows, x) < desired
-    return x, active, passes
+    return x
 
 
 @compiled
@@ -143,10 +136,10 @@ def one_sided_nearest(
         while True:
             A = np.flatnonzero(active)
             if len(A) > _MANY:
-                return one_sided_minimum(identity(len(x_0)), x_0, rows, desired, x_0)[0]
-            some = select_rows(rows, A)
+                return one_sided_minimum(np.eye(len(x_0)), x_0, rows, desired, x_0)
+            some = rows[A]
             normal = gram(np.ascontiguousarray(some.T))
-            add_to(normal, identity(len(A)))
+            add_to_diagonal(normal, np.ones(len(A)))
             pushes = cholesky_solve(cholesky(normal), at_first[A])
             share, last = 1.0, -1
             for i in range(len(A)):

@@ -377,9 +377,7 @@ def paper_step(
     prescribed: np.ndarray,
     posture: np.ndarray,
     start: np.ndarray,
-    s: float,
-    s_dot: float,
-    s_ddot: float,
+    blend: tuple[float, float, float],
     kept: np.ndarray,
     inertia: np.ndarray,
     law: Held,
@@ -389,7 +387,7 @@ def paper_step(
     Args:
         q, v: (nq,), (nv,) state in the plant's order.
         asked: of `watched_distances`.
-        tasks, ..., s_ddot: the targets, taken apart.
+        tasks, ..., blend: the targets, taken apart.
         kept: (n + Nc n + n,) of the step before: the proximities that Eqs. (18) and
             (21) compare with, and q_dot_c of Eq. (15). At the first step the former are
             0, and the latter NaN.
@@ -404,7 +402,7 @@ def paper_step(
     n, Nc = r.n, len(r.watched.value.moves)
     of_limits, of_pairs = kept[:n], kept[n : n + Nc * n].reshape(Nc, n)
     state = find_state(q, v, numbers.robot)
-    targets = Targets(tasks, prescribed, posture, start, (s, s_dot, s_ddot))
+    targets = Targets(tasks, prescribed, posture, start, blend)
     references = find_references(state, targets, r.rows.value, numbers.tasks)
     W = np.ones(n)
     if numbers.constrained:
@@ -468,7 +466,7 @@ class PaperLaw:
             inertia = model.inertia_matrix(workspace)
         return Nominal(
             *paper_step(
-                *(q, v, model.asked_here(workspace), *targets[:4], *targets.blend),
+                *(q, v, model.asked_here(workspace), *targets),
                 *(self._first if before is None else before, inertia, self._law),
             )
         )

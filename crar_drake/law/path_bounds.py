@@ -17,7 +17,7 @@ from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.kinematics import Robot
 from crar_drake.law.placed_shapes import distances_at, own_velocities, place_pairs
 from crar_drake.law.prediction import next_state
-from crar_drake.law.vectors import put, select_rows, times
+from crar_drake.law.vectors import put, times
 
 # A path is halved so often before a pair that is not shown to be clear counts as not.
 # Each halving leaves a quarter of what curvature takes from a part's bound, (A4): seven
@@ -77,13 +77,13 @@ def reaching(
         pairs: which.
         of: all reaches.
     """
-    reach = select_rows(of.reach, pairs)
+    reach = of.reach[pairs]
     for k in range(len(of.slides)):
         j = of.slides[k]
         end = start[j] + x[j] + bend[j]
         farthest = max(abs(start[j]), abs(end)) + 0.25 * abs(bend[j])
         if farthest > of.extents[k]:
-            reach += (farthest - of.extents[k]) * select_rows(of.by[k], pairs)
+            reach += (farthest - of.extents[k]) * of.by[k][pairs]
     return reach
 
 
@@ -284,7 +284,7 @@ def path_bounds(
     at = np.full(count, -1.0)
     pairs, above = r.pairs.value, reaches.value.above
     reach = reaching(start, x, bend, rows, reaches.value)
-    moves = select_rows(pairs.moves, rows)
+    moves = pairs.moves[rows]
     fastest = np.maximum(np.abs(x), np.abs(x + 2.0 * bend))
     curvature = path_curvature(fastest, moves, reach, above)
     curvature += 2.0 * travel(bend, reach)

@@ -12,7 +12,7 @@ from crar_drake.law.capsule_distances import (
 )
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.kinematics import Robot, joint_motion, link_poses, place_points
-from crar_drake.law.vectors import put, select_rows
+from crar_drake.law.vectors import put, to_places
 
 
 @compiled
@@ -42,9 +42,7 @@ def place_pairs(
         (6, nv) `joint_motion`, of the joints that move these shapes.
     """
     tree, pairs, axes = r.tree.value, r.pairs.value, 3 * len(r.order)
-    hulls, in_plant = pairs.hulls.value, np.empty((1, len(q)))
-    for i in range(len(q)):
-        in_plant[0, r.positions[i]] = q[i]
+    hulls, in_plant = pairs.hulls.value, to_places(q, r.positions).reshape(1, -1)
     # The frames that carry the shapes.
     frames = np.zeros(len(tree.parent), dtype=np.bool_)
     for of in some:
@@ -83,7 +81,7 @@ def distances_at(
     """
     S, pairs = place_pairs(points, q, some, r), r.pairs.value
     d, n, p, _ = nearest_points(points, pairs, some)
-    moves = select_rows(pairs.moves, some)
+    moves = pairs.moves[some]
     return d, distance_gradient_about_origin(n, p, S, moves)
 
 

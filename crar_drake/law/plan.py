@@ -33,7 +33,6 @@ from crar_drake.law.vectors import (
     cholesky_solve,
     cholesky_solve_matrix,
     gram,
-    identity,
     product,
     put,
     times,
@@ -440,7 +439,7 @@ def plan_accelerations(
     JJ = gram(J)
     normal = JJ.copy()
     add_to_diagonal(normal, np.full(n, damping2))
-    free = damping2 * cholesky_solve_matrix(cholesky(normal), identity(n))
+    free = damping2 * cholesky_solve_matrix(cholesky(normal), np.eye(n))
     free_twice = product(free, free)
     M, right = np.zeros((N * n, N * n)), np.zeros(N * n)
     towards = (
@@ -503,9 +502,7 @@ def plan_step(
     prescribed: np.ndarray,
     posture: np.ndarray,
     start: np.ndarray,
-    s: float,
-    s_dot: float,
-    s_ddot: float,
+    blend: tuple[float, float, float],
     before: np.ndarray,
     efforts: np.ndarray,
     held: Held,
@@ -514,7 +511,7 @@ def plan_step(
 
     Args:
         q, v: (nv,), (nv,) state in the plant's order.
-        tasks, ..., s_ddot: the targets, taken apart; posture may be (0,).
+        tasks, ..., blend: the targets, taken apart; posture may be (0,).
         before: (N n,) the plan of one period ago, or (0,).
         efforts: (k, nv + 2) of `effort_rows`.
         held: holds `PlanNumbers`.
@@ -524,7 +521,7 @@ def plan_step(
         against the targets as given.
     """
     numbers = held.value
-    targets = Targets(tasks, prescribed, posture, start, (s, s_dot, s_ddot))
+    targets = Targets(tasks, prescribed, posture, start, blend)
     r, preview, n = numbers.robot.value, numbers.preview.value, len(numbers.lower)
     approach, lower, upper = numbers.approach, numbers.lower, numbers.upper
     state = find_state(q, v, numbers.robot)
@@ -594,7 +591,7 @@ class Plan:
             given = self._motors.affine(*self._model.in_order(q, v))
             efforts = np.column_stack((*given, self._motors.aimed))
         plan, vdot, error = plan_step(
-            *(q, v, *targets[:4], *targets.blend),
+            *(q, v, *targets),
             *(_NO_PLAN if before is None else before, efforts, self._numbers),
         )
         qdot_c = v[self._model.controlled] + self._first * plan[: self._model.n]

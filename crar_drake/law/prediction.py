@@ -3,6 +3,7 @@
 import numpy as np
 
 from crar_drake.law.compilation import compiled
+from crar_drake.law.vectors import to_places
 
 
 @compiled
@@ -70,8 +71,4 @@ def state_ahead(
         positions, order: (nv,), (nv,) places in the plant's q and v.
     """
     q_next, v_next = next_state(q[positions], v[order], vdot[order], period, plant_step)
-    x = np.empty(2 * len(v))
-    for i in range(len(v)):
-        x[positions[i]] = q_next[i]
-        x[len(v) + order[i]] = v_next[i]
-    return x
+    return np.concatenate((to_places(q_next, positions), to_places(v_next, order)))

@@ -113,14 +113,6 @@ def find_error(
 
 
 @compiled
-def error_from_targets(
-    q: np.ndarray, R: np.ndarray, p: np.ndarray, tasks: np.ndarray, rows: TaskRows
-) -> np.ndarray:
-    """`find_error` of targets [x_d; v_d; a_d] (size,), see `TaskLayout`."""
-    return find_error(q, R, p, unpack_tasks(tasks, rows), rows)
-
-
-@compiled
 def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarray:
     """x_0 of `References`, (n,): what tasks that are joints ask of these, 0 of others.
 

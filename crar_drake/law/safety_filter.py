@@ -404,7 +404,7 @@ class SafetyFilter:
             if name not in (of.pairs.name, of.limits.name):
                 why = check.reason or name
             if of.motors is not None and name == of.motors.name:
-                joint = of.motors.joint_of(check.index)
+                joint = check.index
         obstacle, left, too_fast = None, np.nan, ()
         if regions is not None:
             obstacle, too_fast = self.among.ran_into(regions, found), regions.too_fast

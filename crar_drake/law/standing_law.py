@@ -302,7 +302,7 @@ class StandingLaw:
         none = np.eye(rows.shape[1])
         least = np.full(len(none), _LEAST_FORCE / len(_WAYS))
         M, right = rows.T @ rows + _EVEN**2 * none, rows.T @ wanted
-        x, _, _ = one_sided_minimum(
+        x = one_sided_minimum(
             M,
             right,
             _OUTSIDE * np.vstack([none, D, -D]),

@@ -23,26 +23,6 @@ def cross_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def identity(n: int) -> np.ndarray:
-    """I (n, n)."""
-    M = np.zeros((n, n))
-    for i in range(n):
-        M[i, i] = 1.0
-    return M
-
-
-@compiled
-def largest(x: np.ndarray) -> float:
-    """The largest |x_i| of x (n,), NaN if one is."""
-    found = abs(x[0])
-    for i in range(1, len(x)):
-        # Once it is NaN it stays so, as by NumPy.
-        if abs(x[i]) > found or np.isnan(x[i]):
-            found = abs(x[i])
-    return found
-
-
-@compiled
 def gram(A: np.ndarray) -> np.ndarray:
     """A^T A (n, n) of A (k, n), symmetric to the last bit."""
     rows, n = A.shape
@@ -151,17 +131,6 @@ def cholesky(A: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def select_rows(A: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """A[some] (k, m) of A (n, m)."""
-    B = np.empty((len(some), A.shape[1]))
-    for k in range(len(some)):
-        row = A[some[k]]
-        for j in range(len(row)):
-            B[k, j] = row[j]
-    return B
-
-
-@compiled
 def backward(L: np.ndarray, b: np.ndarray) -> np.ndarray:
     """L^-T b (n,) of b (n,), L lower triangular."""
     x = b.copy()
@@ -205,9 +174,7 @@ def cholesky_solve_matrix(L: np.ndarray, B: np.ndarray) -> np.ndarray:
     """X (n, m) of L L^T X = B (n, m), from the lower factor."""
     X = np.empty(B.shape)
     for c in range(B.shape[1]):
-        x = cholesky_solve(L, B[:, c].copy())
-        for i in range(len(B)):
-            X[i, c] = x[i]
+        X[:, c] = cholesky_solve(L, B[:, c].copy())
     return X
 
 
@@ -220,6 +187,15 @@ def put(x: np.ndarray, at: int, values: np.ndarray) -> None:
     """
     for i in range(len(values)):
         x[at + i] = values[i]
+
+
+@compiled
+def to_places(x: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(n,) the entries of x (n,), each at its place."""
+    y = np.empty(len(x))
+    for i in range(len(x)):
+        y[places[i]] = x[i]
+    return y
 
 
 @compiled

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crar_drake.law.references import error_from_targets
+from crar_drake.law.references import find_error
 from crar_drake.law.standing_law import StandingLaw
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.model import ControlModel
@@ -92,13 +92,14 @@ def as_measured(
         Those of `task_error`, `signed_distances` and `constraint_weights` that belong
         to the robot. Joints that the controller did not control weigh 1.
     """
-    workspace, rows = simulated.MakeWorkspace(), simulated.layout.rows
+    workspace, layout = simulated.MakeWorkspace(), simulated.layout
     errors = np.empty_like(reported["task_error"])
     distances = np.empty((len(q), len(simulated.pairs.names)))
     for i in range(len(q)):
         at = simulated.evaluate(workspace, q[i], v[i])
         distances[i] = at.d
-        errors[i] = error_from_targets(at.q, at.R, at.p, desired_tasks[i], rows)
+        desired = layout.unpack(desired_tasks[i])
+        errors[i] = find_error(at.q, at.R, at.p, desired, layout.rows)
     errors[np.isnan(reported["task_error"])] = np.nan
     weights = np.ones((len(q), simulated.n))
     for column, name in zip(

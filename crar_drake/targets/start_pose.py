@@ -12,7 +12,7 @@ from crar_drake.law.paper import (
     limit_potential,
 )
 from crar_drake.law.parameters import PaperGains
-from crar_drake.law.references import error_from_targets
+from crar_drake.law.references import find_error
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import ModelState
 
@@ -47,7 +47,8 @@ def solve_start_pose(
     """
     workspace = model.MakeWorkspace()
     zero = np.zeros(model.plant.num_velocities())
-    tasks = np.array(tasks, dtype=float)
+    layout = model.layout
+    desired = layout.unpack(np.array(tasks, dtype=float))
     S = model.row_weights
     limits = limit_potential(model.lower, model.upper)
     gains = Gains.of(_GAINS, math.nan, len(model.pairs))
@@ -55,8 +56,7 @@ def solve_start_pose(
 
     def at(q: np.ndarray) -> tuple[ModelState, np.ndarray]:
         state = model.evaluate(workspace, q, zero)
-        error = error_from_targets(state.q, state.R, state.p, tasks, model.layout.rows)
-        return state, S * error
+        return state, S * find_error(state.q, state.R, state.p, desired, layout.rows)
 
     q = model.rest_positions()
     q[model.prescribed_positions] = prescribed

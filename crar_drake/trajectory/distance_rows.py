@@ -18,7 +18,7 @@ from crar_drake.law.kinematics import (
     place_points,
 )
 from crar_drake.law.path_balls import near_on_way
-from crar_drake.law.vectors import put, select_rows
+from crar_drake.law.vectors import put
 from crar_drake.robot.model import ControlModel
 
 _ROOM = 128  # rows of a sample, to begin with
@@ -93,8 +93,7 @@ def find_near_rows(
         some = maybe[near]
         S = joint_motion(points[:, : 3 * nv])[0]
         gradient = distance_gradient_about_origin(
-            *(select_rows(normal, near), select_rows(p, near), S),
-            select_rows(pairs.moves, some),
+            normal[near], p[near], S, pairs.moves[some]
         )
         for i in range(len(near)):
             samples[used], rows[used], d[used] = k, some[i], far[near[i]]

@@ -7,7 +7,7 @@ obstacles that move and the ground, by the model and the parameters.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from crar_drake.law.motors import Motors
 from crar_drake.law.obstacles import Regions
 from crar_drake.law.pairs import Pairs
 from crar_drake.law.parameters import LEAST_PERIODS, LookaheadParameters
+from crar_drake.law.path_balls import Shapes
 from crar_drake.law.spheres import MovingSpheres
 from crar_drake.law.step import SCALED, Constraint, State, Step, step
 from crar_drake.law.tracking_error import joint_errors, narrowed_limits, thickened
@@ -104,7 +105,7 @@ class RobotConstraints:
             robot, losses = thickened(errors, reaches, gains.safety_distance, model)
         self._approach, self.fastest = approach, approach.fastest
         self.pairs = Pairs(
-            *(robot, hold(reaches), find_balls(model, losses)),
+            Shapes(robot, hold(reaches), hold(find_balls(model, losses))),
             [model.pairs.names[i] for i in model.pairs.pair_of_shapes],
             *(float(gains.safety_distance), approach),
         )
@@ -144,10 +145,8 @@ class RobotConstraints:
         q: np.ndarray,
         v: np.ndarray,
         before: Braking,
-        nominal: Callable[[float], np.ndarray],
-        prescribed_acceleration: np.ndarray | None = None,
-        keep_rows: bool = False,
-        along: bool = False,
+        make_nominal: Callable[[float], np.ndarray],
+        **others: Any,
     ) -> State:
         """The state of a step, with the T that is best for it.
 
@@ -159,12 +158,11 @@ class RobotConstraints:
         Args:
             q, v: (nv,), (nv,) positions and velocities, controlled joints first.
             before: of the step before.
-            nominal, prescribed_acceleration, keep_rows, along: of `State`.
+            make_nominal, others: of `State`.
         """
-        state = State(
-            *(q, v, self.model.n, before.T or self.T, self.period, self.plant_step),
-            *(nominal, before.known, prescribed_acceleration, keep_rows, along),
-        )
+        times = before.T or self.T, self.period, self.plant_step
+        of = *times, make_nominal, before.known
+        state = State(q, v, self.model.n, *of, **others)
         T, known = before.T, before.known
         if self.ground is not None or (T == self.T and before.regions is not None):
             state.take_T(self.T, known and T == self.T)

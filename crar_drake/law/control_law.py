@@ -464,7 +464,10 @@ class ControlLaw:
 
         if self._safe:
             state = self._constraints.state(
-                *(at, rate, before, s_0, asked[n:]), keep_rows=True, along=not going_on
+                *(at, rate, before, s_0),
+                prescribed_acceleration=asked[n:],
+                keep_rows=True,
+                along=not going_on,
             )
             found, clear, clearance, braking = self._constraints.step(state, before)
             admitted = found.how, found.share

@@ -20,9 +20,9 @@ from crar_drake.law.approach import Approach, distance_rows
 from crar_drake.law.capsule_distances import distance_gradient_about_origin
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.kinematics import joint_motion, link_poses, place_points
-from crar_drake.law.path_balls import least_length
-from crar_drake.law.path_bounds import FIRST, LOWEST, ROUNDING
-from crar_drake.law.vectors import dot, product, put, times
+from crar_drake.law.path_balls import curvature, least_length
+from crar_drake.law.path_bounds import FIRST, LOWEST, ROUNDING, Reaches, reaching
+from crar_drake.law.vectors import dot, product, put, times, to_places
 
 # A line is halved so often before a link that is not shown to be clear counts as not,
 # and one that is known not to be has its worst place found: as `path_bounds` has it.
@@ -46,13 +46,9 @@ class Links(NamedTuple):
     shapes: np.ndarray  # (L + 1,) where the shapes of each link begin, and all end
     radii: np.ndarray  # (S,) of the shapes [m]
     balls: np.ndarray  # (S,) and of the balls about them
-    # (L, nv) rho in the world, of all axes, slides at zero [m/rad, 1]
-    reach: np.ndarray
-    turned: np.ndarray  # (L, nv) what is added to that for the surface: the radius
+    reaches: Reaches  # in the world, of all axes of each link, slides at zero
+    turned: np.ndarray  # (L, nv) what is added to rho for the surface: the radius
     carried: np.ndarray  # (L, nv) 1 where the joint moves the link
-    above: np.ndarray  # (nv, nv) 1 where joint j carries joint i, i = j not included
-    slides: np.ndarray  # (K,) the joints that slide between a turn and a shape
-    by: np.ndarray  # (K, L, nv) what a metre of each adds to `reach` [1/rad]
 
 
 class Spheres(NamedTuple):
@@ -132,26 +128,14 @@ def line_of(q: np.ndarray, v: np.ndarray, before: float, numbers: Passing) -> Li
 @compiled
 def own_reach(line: Line, links: Links) -> np.ndarray:
     """(L, nv) rho that holds on a line, for where slides are there."""
-    reach = links.reach
-    for k in range(len(links.slides)):
-        j = links.slides[k]
-        far = max(abs(line.start[j]), abs(line.start[j] + line.x[j]))
-        reach = reach + far * links.by[k]
-    return reach
+    every = np.arange(len(links.turned))
+    return reaching(line.start, line.x, 0.0 * line.x, every, links.reaches)
 
 
 @compiled
 def surface_speeds(line: Line, links: Links) -> np.ndarray:
     """sigma: no point of a link's surface is faster where a line begins, (L,) [m/s]."""
     return times(own_reach(line, links) + links.turned, np.abs(line.x)) / line.lasts
-
-
-@compiled
-def path_curvature(line: Line, links: Links) -> np.ndarray:
-    """The largest acceleration of the links on a line, (A3) in the world; (L,) [m]."""
-    speed = np.abs(line.x)
-    of_joints = speed * (speed + 2.0 * times(links.above, speed))
-    return times(own_reach(line, links), of_joints)
 
 
 @compiled
@@ -220,10 +204,8 @@ def harmless_share(
 @compiled
 def place_links(q: np.ndarray, links: Links) -> Placed:
     """Where links are at q (nv,)."""
-    tree, in_plant = links.tree.value, np.empty((1, len(q)))
-    for i in range(len(q)):
-        in_plant[0, links.positions[i]] = q[i]
-    X = link_poses(in_plant, tree, tree.every)
+    tree, in_plant = links.tree.value, to_places(q, links.positions)
+    X = link_poses(in_plant.reshape(1, -1), tree, tree.every)
     at = place_points(X, links.selection, links.first)[0]
     start = 3 * len(q)
     vector = start + len(links.radii)
@@ -435,11 +417,11 @@ def line_bounds(
     """
     links, numbers = world.value.links, world.value.numbers
     line = line_of(q, v, before, numbers)
-    curvature = path_curvature(line, links)
+    bent = curvature(line.x, own_reach(line, links), links.reaches.above)
     last, seconds = last_times(line, links, numbers)
     begins = place_links(line.start, links)
     ends = place_links(line.start + line.x, links)
-    of = 0.125 * curvature, seconds, numbers.floor, spheres, links
+    of = 0.125 * bent, seconds, numbers.floor, spheres, links
     near, clearance = links_near(begins, ends, *of)
     lacks, open_ = np.zeros(keep.shape), np.ones((1, 2 * len(near)), dtype=np.bool_)
     for halving in range(_HALVINGS + 1):
@@ -467,7 +449,7 @@ def line_bounds(
                     final -= comes_nearer(end, o, line, spheres, numbers)
                     now -= comes_nearer(middle, o, line, spheres, numbers)
                 least = np.minimum(first, final)
-                low = least - 0.5 * half * half * curvature[i]
+                low = least - 0.5 * half * half * bent[i]
                 # A distance that is none (NaN) is not clear.
                 if low >= level - ROUNDING:
                     clearance = min(clearance, low)
@@ -540,9 +522,10 @@ def sphere_rows(
     line = line_of(q, v, 0.0, numbers)
     here, there = place_links(q, links), place_links(q + line.x, links)
     # A row binds at h = d_min + (drift - g s) / approach_rate.
-    ahead = times(own_reach(line, links), np.abs(s_0)) + numbers.harmless
+    reach = own_reach(line, links)
+    ahead = times(reach, np.abs(s_0)) + numbers.harmless
     most = approach.influence_distance - approach.distance_margin
-    bend = 0.125 * path_curvature(line, links)
+    bend = 0.125 * curvature(line.x, reach, links.reaches.above)
     bend += np.minimum(ahead / approach.approach_rate, most)
     of = bend, 0.0 * bend, approach.distance_margin, spheres, links
     near, _ = links_near(here, there, *of)

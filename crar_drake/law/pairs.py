@@ -33,7 +33,6 @@ from crar_drake.law.compilation import Held, compiled, hold
 from crar_drake.law.kinematics import joint_motion
 from crar_drake.law.path_balls import (
     MANY,
-    Balls,
     Shapes,
     curvature,
     near_on_way,
@@ -51,7 +50,7 @@ from crar_drake.law.path_bounds import (
 )
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
-from crar_drake.law.vectors import select_rows, times
+from crar_drake.law.vectors import times
 
 # A correction aims so far above the distance that a pair must keep [m], since a row is
 # linear and the distance is not; it is a part of the 1 mm between d_0 and the margin.
@@ -82,22 +81,20 @@ class Pairs:
 
     def __init__(
         self,
-        robot: Held,
-        reaches: Held,
-        balls: Balls,
+        shapes: Shapes,
         names: Sequence[tuple[str, str]],
         distance: float,
         approach: Approach,
     ) -> None:
         """
         Args:
-            robot, reaches, balls: of `Shapes`.
+            shapes: of all pairs.
             names: (Np,) of each pair of shapes its links.
             distance: d_0, to be kept [m].
             approach: of the rows.
         """
-        self.shapes = hold(Shapes(robot, reaches, hold(balls)))
-        self._approach, self.names = hold(approach), list(names)
+        self.shapes, self._approach = hold(shapes), hold(approach)
+        self.names = list(names)
         self._distance = float(distance)
 
     def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
@@ -189,13 +186,13 @@ def pair_rows(
     ahead = times(balls.reach, np.abs(s)) / numbers.approach_rate
     # Of both links together no more than the influence distance.
     ahead = np.minimum(ahead, 0.5 * (numbers.influence_distance - margin))
-    bend = 0.125 * curvature(T * v, balls) + ahead
+    bend = 0.125 * curvature(T * v, balls.reach, balls.above) + ahead
     rows, _ = near_on_way(centres, points, bend, margin, r.pairs.value, balls)
     if not len(rows):
         return np.zeros((0, nv)), np.zeros(0)
     pairs, S = r.pairs.value, joint_motion(points[:, : 3 * nv])
     d, normal, p, _ = nearest_points(points[0], pairs, rows)
-    moves = select_rows(pairs.moves, rows)
+    moves = pairs.moves[rows]
     g = distance_gradient_about_origin(normal, p, S[0], moves)
     ends, normal, p, _ = nearest_points(points[1], pairs, rows)
     # The others have no row.
@@ -306,7 +303,8 @@ def _keeps_way(q, v, s, kept, floor, of, shapes):
     along = period * v + (0.5 * period * of.step / T) * (s - v)
     points, centres = place_ways(q, along + bend, 1, r, balls)
     fastest = np.maximum(np.abs(along), np.abs(along + 2.0 * bend))
-    off = 0.125 * (curvature(fastest, balls) + 2.0 * times(balls.reach, np.abs(bend)))
+    off = curvature(fastest, balls.reach, balls.above)
+    off = 0.125 * (off + 2.0 * times(balls.reach, np.abs(bend)))
     rows, _ = near_on_way(centres, points, off, floor, r.pairs.value, balls)
     if len(kept):
         rows = rows[kept[rows] >= floor]

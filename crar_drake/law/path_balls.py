@@ -43,7 +43,7 @@ class Balls(NamedTuple):
 
 
 class Shapes(NamedTuple):
-    """What pairs need of a robot; made by `pairs.Pairs`."""
+    """What pairs need of a robot."""
 
     robot: Held  # of a `Robot`
     reaches: Held  # of `path_bounds.Reaches` of its pairs of shapes
@@ -51,14 +51,15 @@ class Shapes(NamedTuple):
 
 
 @compiled
-def curvature(x: np.ndarray, balls: Balls) -> np.ndarray:
+def curvature(x: np.ndarray, reach: np.ndarray, above: np.ndarray) -> np.ndarray:
     """The bound c above of each link, (B,) [m].
 
     Args:
         x: (nv,) what each joint moves on the way [rad, m].
+        reach, above: (B, nv), (nv, nv) as of `Balls`.
     """
     speed = np.abs(x)
-    return times(balls.reach, speed * (speed + 2.0 * times(balls.above, speed)))
+    return times(reach, speed * (speed + 2.0 * times(above, speed)))
 
 
 @compiled
@@ -169,7 +170,7 @@ def near_segment(
         segment begins and ends [m].
     """
     r, balls = shapes.robot.value, shapes.balls.value
-    pairs, bend = r.pairs.value, 0.125 * curvature(x, balls)
+    pairs, bend = r.pairs.value, 0.125 * curvature(x, balls.reach, balls.above)
     points, centres = place_ways(start, x, 1, r, balls)
     rows, low = near_on_way(centres, points, bend, distance, pairs, balls)
     if len(rows) <= many:

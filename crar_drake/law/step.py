@@ -8,6 +8,7 @@ every later state is safe, for any set of constraints (`docs/theory/theorem.md`)
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import NamedTuple, Protocol
 
@@ -34,6 +35,7 @@ def _unbounded(n: int) -> tuple[np.ndarray, np.ndarray]:
     return np.full(n, -np.inf), np.full(n, np.inf)
 
 
+@dataclass(eq=False)
 class State:
     """The robot at a step; of nv joints the first n are controlled.
 
@@ -44,8 +46,10 @@ class State:
         period: of the controller [s].
         plant_step: of the plant, at most the period; 0 if it moves continuously [s].
         known: whether the pairs' braking path over T is known to be collision-free.
-        nominal: (n,) s to be as near to as is safe, made when it is first asked for
-            [rad/s or m/s].
+        make_nominal: T [s] to `nominal`, when that is first asked for.
+        nominal: (n,) s to be as near to as is safe [rad/s or m/s].
+        prescribed_acceleration: (nv - n,) of the other joints [rad/s^2 or m/s^2]; None
+            for 0. Where they brake along it has no effect.
         prescribed: (nv - n,) s of the other joints.
         along: whether these brake, too, whatever is taken; else they go on as they do,
             but brake along where a step is scaled.
@@ -57,35 +61,22 @@ class State:
         root: (n, n) L, the projection is the nearest in L L^T; (0, 0) for the identity.
     """
 
-    def __init__(
-        self,
-        q: np.ndarray,
-        v: np.ndarray,
-        n: int,
-        T: float,
-        period: float,
-        plant_step: float,
-        nominal: Callable[[float], np.ndarray],
-        known: bool = False,
-        prescribed_acceleration: np.ndarray | None = None,
-        keep_rows: bool = False,
-        along: bool = False,
-    ) -> None:
-        """
-        Args:
-            nominal: T [s] to s (n,).
-            prescribed_acceleration: (nv - n,) of the joints that are not controlled
-                [rad/s^2 or m/s^2]; by default 0. Where they brake along it has no
-                effect.
+    q: np.ndarray
+    v: np.ndarray
+    n: int
+    T: float
+    period: float
+    plant_step: float
+    make_nominal: Callable[[float], np.ndarray]
+    known: bool = False
+    prescribed_acceleration: np.ndarray | None = None
+    keep_rows: bool = False
+    along: bool = False
+    desired: np.ndarray | None = None
+    root: np.ndarray = field(default_factory=lambda: _NO_ROOT)
 
-        The others are as the attributes.
-        """
-        self.q, self.v, self.n = q, v, n
-        self.T, self.period, self.plant_step = T, period, plant_step
-        self.known, self.desired = known, None
-        self._make_nominal, self._prescribed = nominal, prescribed_acceleration
-        self.lowest, self.highest = _unbounded(n)
-        self.keep_rows, self.root, self.along = keep_rows, _NO_ROOT, along
+    def __post_init__(self) -> None:
+        self.lowest, self.highest = _unbounded(self.n)
 
     def take_T(self, T: float, known: bool) -> None:
         """Replaces T [s]; of the path over it is known what is said."""
@@ -94,14 +85,15 @@ class State:
 
     @cached_property
     def nominal(self) -> np.ndarray:
-        return self._make_nominal(self.T)
+        return self.make_nominal(self.T)
 
     @property
     def prescribed(self) -> np.ndarray:
         v = self.v[self.n :]
         if self.along:
             return np.zeros_like(v)
-        return v if self._prescribed is None else v + self.T * self._prescribed
+        vdot = self.prescribed_acceleration
+        return v if vdot is None else v + self.T * vdot
 
     def segment(self, s: np.ndarray) -> np.ndarray:
         """(nv,) what leads from q over where a step s (nv,) takes the robot, a period
@@ -189,19 +181,17 @@ class Step(NamedTuple):
     clearances: dict[str, float]
 
 
-class _Examined(NamedTuple):
-    safe: bool
-    objections: dict[str, SafetyCheck]
-    clearances: dict[str, float]
-
-
 def examine(
     constraints: Sequence[Constraint],
     state: State,
     s: np.ndarray,
     correct: bool = False,
-) -> _Examined:
-    """Asks each constraint about s (nv,); until one objects, unless rows are wanted."""
+) -> tuple[dict[str, SafetyCheck], dict[str, float]]:
+    """Asks each constraint about s (nv,); until one objects, unless rows are wanted.
+
+    Returns:
+        Objections and clearances, as of `Step`; safe without any objection.
+    """
     objections, clearances = {}, {}
     for constraint in constraints:
         check = constraint.examine(state, s, correct)
@@ -210,7 +200,7 @@ def examine(
             objections[constraint.name] = check
             if not correct:
                 break
-    return _Examined(not objections, objections, clearances)
+    return objections, clearances
 
 
 def step(state: State, constraints: Sequence[Constraint]) -> Step:
@@ -226,28 +216,27 @@ def step(state: State, constraints: Sequence[Constraint]) -> Step:
     objections: dict[str, SafetyCheck] = {}
     desired = state.desired
     if desired is not None and (asked is None or _keeps(asked, desired[: state.n])):
-        found = examine(constraints, state, desired)
-        if found.safe:
-            return Step(desired, AS_NOMINAL, 1.0, objections, found.clearances)
-        objections.update(found.objections)
+        objections, clearances = examine(constraints, state, desired)
+        if not objections:
+            return Step(desired, AS_NOMINAL, 1.0, objections, clearances)
     if asked is None:
         s = state.whole(clipped(state.nominal, state.lowest, state.highest))
         if desired is None or not np.array_equal(s, desired):
-            found = examine(constraints, state, s)
-            if found.safe:
-                return Step(s, CORRECTED, 1.0, objections, found.clearances)
-            objections = {**found.objections, **objections}
+            found, clearances = examine(constraints, state, s)
+            if not found:
+                return Step(s, CORRECTED, 1.0, objections, clearances)
+            objections = {**found, **objections}
         asked = _rows(state, constraints)
     rows, how = list(asked), AS_NOMINAL
     for k in range(CORRECTIONS + 1):
         s = _projected(state, 1.0, rows)
-        found = examine(constraints, state, s, correct=k < CORRECTIONS)
-        if found.safe:
-            return Step(s, how, 1.0, objections, found.clearances)
+        found, clearances = examine(constraints, state, s, correct=k < CORRECTIONS)
+        if not found:
+            return Step(s, how, 1.0, objections, clearances)
         if how == AS_NOMINAL:
             first = s, found
-        how, objections = CORRECTED, {**found.objections, **objections}
-        more = [each.rows for each in found.objections.values() if each.rows]
+        how, objections = CORRECTED, {**found, **objections}
+        more = [each.rows for each in found.values() if each.rows]
         if not more:
             break
         rows += more
@@ -281,7 +270,7 @@ def _towards_braking(
     state: State,
     constraints: Sequence[Constraint],
     s: np.ndarray,
-    found: _Examined,
+    found: dict[str, SafetyCheck],
     asked: Sequence[Rows],
 ) -> tuple[np.ndarray, float, dict[str, float]]:
     """A share of s (nv,) that is safe: of the joints whose motion is not, or of all; or
@@ -291,35 +280,33 @@ def _towards_braking(
         (nv,) the step; the share; clearances, empty of braking.
     """
     # Who objects is asked first: the others then need not be.
-    constraints = sorted(
-        constraints, key=lambda each: each.name not in found.objections
-    )
+    constraints = sorted(constraints, key=lambda each: each.name not in found)
     scaled, taken, clearances = np.ones(len(s), dtype=bool), np.zeros_like(s), {}
-    unsafe = [each.joints for each in found.objections.values()]
+    unsafe = [each.joints for each in found.values()]
     if all(joints is not None for joints in unsafe):
         some = np.any(unsafe, axis=0)
         if not some.all():
             others = np.where(some, 0.0, s)
-            looked = examine(constraints, state, others)
-            if looked.safe:
-                scaled, taken, clearances = some, others, looked.clearances
+            lacks, left = examine(constraints, state, others)
+            if not lacks:
+                scaled, taken, clearances = some, others, left
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         some = np.where(scaled, middle * s, s)
-        looked = examine(constraints, state, some)
-        if looked.safe:
-            low, taken, clearances = middle, some, looked.clearances
+        lacks, left = examine(constraints, state, some)
+        if not lacks:
+            low, taken, clearances = middle, some, left
         else:
             high = middle
             if high == LESS[0] and (less := _of_less(state, constraints, asked)):
                 taken, low, clearances = less
                 break
-    least = min(each.share for each in found.objections.values())
+    least = min(each.share for each in found.values())
     if low == 0.0 and least > 0.0:
-        looked = examine(constraints, state, least * s)
-        if looked.safe:
-            return least * s, least, looked.clearances
+        lacks, left = examine(constraints, state, least * s)
+        if not lacks:
+            return least * s, least, left
     return taken, low, clearances
 
 
@@ -329,7 +316,7 @@ def _of_less(
     """The largest of `LESS` whose projection (nv,) is safe, with the clearances."""
     for less in LESS:
         s = _projected(state, less, asked)
-        looked = examine(constraints, state, s)
-        if looked.safe:
-            return s, less, looked.clearances
+        lacks, left = examine(constraints, state, s)
+        if not lacks:
+            return s, less, left
     return None

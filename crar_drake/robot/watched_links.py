@@ -4,6 +4,7 @@ import numpy as np
 
 from crar_drake.errors import ScenarioError
 from crar_drake.law.moving_obstacles import Links
+from crar_drake.law.path_bounds import Reaches
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import chain_reaches, lengths_of_slides
 
@@ -84,6 +85,7 @@ def watched_links(
         np.concatenate((robot.first[axes], first)),
         np.array(counts, dtype=np.int64),
         *(radii, radii + 0.5 * np.array(lengths, dtype=float)),
-        *(reach, turned, carried, joints.above(order), slides, by),
+        Reaches(reach, joints.above(order), slides, np.zeros(len(slides)), by),
+        *(turned, carried),
     )
     return links, tuple(names)

@@ -118,7 +118,7 @@ def test_what_is_found_clear_is_so_at_every_place(robot):
         floor = np.full((2, len(filter.links), 1), FLOOR)
         of = floor, LOWEST, one, world
         lacking, clearance = line_bounds(q, v, PERIOD, *of)
-        sigma = (links.reach + links.turned) @ np.abs(v)
+        sigma = (links.reaches.reach + links.turned) @ np.abs(v)
         u_end = numbers.kappa * (1.0 - numbers.kappa * V_OK / np.maximum(sigma, 1e-12))
         fast = sigma > numbers.kappa * V_OK
         until = np.where(fast, PERIOD + numbers.T * u_end, -np.inf)
@@ -165,7 +165,7 @@ def test_the_reach_bounds_the_speed_of_surfaces(arm, witness):
         q, v = rng.uniform(-2.0, 2.0, n), rng.normal(size=n)
         around = rng.normal(size=(40, 3))
         _, speed = witness.look(q, v, around, np.zeros(40))
-        sigma = (links.reach + links.turned) @ np.abs(v)
+        sigma = (links.reaches.reach + links.turned) @ np.abs(v)
         assert (speed <= sigma[:, None] + 1e-12).all()
         largest = max(largest, (speed.max(axis=1) / np.maximum(sigma, 1e-12)).max())
     assert largest > 0.5
@@ -309,7 +309,7 @@ def test_a_tracking_error_makes_links_thicker():
         SafetyParameters(braking_time=plain.parameters.T, tracking_error=0.002),
     )
     thin, thick = (f.among._world.value.links for f in (plain, errs))
-    more = 0.002 * thin.reach.sum(axis=1)
+    more = 0.002 * thin.reaches.reach.sum(axis=1)
     more = np.repeat(more, np.diff(thin.shapes))
     np.testing.assert_allclose(thick.radii - thin.radii, more, rtol=1e-12)
     np.testing.assert_allclose(thick.balls - thin.balls, more, rtol=1e-12)

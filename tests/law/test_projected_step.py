@@ -170,7 +170,8 @@ def test_steps_from_clear_states_lead_to_clear_states(robot, period):
                 s = rng.normal(size=len(q)) * 10.0 ** rng.uniform(0.0, 2.2)
             at, rate = model.in_order(q, v)
             state = constraints.state(
-                *(at, rate, braking, lambda T, s=s: s[:n], (s[n:] - rate[n:]) / T),
+                *(at, rate, braking, lambda T, s=s: s[:n]),
+                prescribed_acceleration=(s[n:] - rate[n:]) / T,
                 keep_rows=True,
             )
             assert state.T == T

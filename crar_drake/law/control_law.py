@@ -36,7 +36,6 @@ from crar_drake.law.solution import (
     STATUS_BRAKING,
     STATUS_IMPLAUSIBLE,
     STATUS_TRACKING,
-    STATUS_WORDS,
     Solution,
 )
 from crar_drake.law.spheres import MovingSpheres
@@ -49,7 +48,6 @@ _BLENDED = 1.0, 0.0, 0.0  # of `smooth_step`, once it is over
 # A robot that is off its command by less is where it was told to be [rad or m, per
 # second]: what was shown of the command holds, for the safety distance has it to spare.
 _AS_TOLD = 1e-6
-_STATUS = {status: np.array([status]) for status in STATUS_WORDS}
 
 
 @dataclass(slots=True)
@@ -120,7 +118,6 @@ class ControlLaw:
         self._rest = model.rest_positions()
         self.speed_limits = gains.speed_limits(model)
         self.effort_limits = gains.limits_of_efforts(model)
-        self._limits_efforts = bool(np.isfinite(self.effort_limits).any())
         self._safe, self._plans = gains.constraints == "lookahead", gains.plans
         self._constraints = self._motors = None
         crowded = model.m >= model.n
@@ -133,7 +130,7 @@ class ControlLaw:
                 self._plant_step,
             )
             self._motors = self._constraints.motors
-        elif self._limits_efforts:
+        elif np.isfinite(self.effort_limits).any():
             self._motors = Motors(model, self.effort_limits)
         self.has_posture = stiffness > 0.0
         weights = model.row_weights if model.weighs_rows else _NOTHING
@@ -396,7 +393,7 @@ class ControlLaw:
         solution, braking = self._solved(
             workspace, q, believed, nominal, braking, going_on
         )
-        solution.status = _STATUS[status]
+        solution.status = np.array([status])
         return Memory(
             tick,
             solution=solution,
@@ -490,10 +487,9 @@ class ControlLaw:
                 share = share_of_nominal(taken, asked, rate[:n], state.T)
         vdot = np.empty_like(taken)
         vdot[model.order] = taken
-        actuation = model.inverse_dynamics(workspace, vdot)
-        excess = 0.0
-        if self._limits_efforts:
-            actuation, excess = clip_torque(actuation, self.effort_limits)
+        actuation, excess = clip_torque(
+            model.inverse_dynamics(workspace, vdot), self.effort_limits
+        )
         obstacle = None
         if before.regions is not None:
             obstacle = self.among.ran_into(before.regions, found)
@@ -541,11 +537,10 @@ class ControlLaw:
         model.plant.SetPositionsAndVelocities(
             workspace.plant_context, np.concatenate((q, v))
         )
-        actuation = model.inverse_dynamics(workspace, solved.acceleration)
-        torque_limit = solved.torque_limit
-        if self._limits_efforts:
-            actuation, excess = clip_torque(actuation, self.effort_limits)
-            torque_limit = np.array([torque_limit[0], excess])
+        actuation, excess = clip_torque(
+            model.inverse_dynamics(workspace, solved.acceleration), self.effort_limits
+        )
+        torque_limit = np.array([solved.torque_limit[0], excess])
         solution = replace(solved, actuation=actuation, torque_limit=torque_limit)
         return replace(memory, torque_tick=torque_tick, solution=solution)
 

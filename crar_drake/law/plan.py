@@ -71,7 +71,8 @@ class Preview(NamedTuple):
     weights: np.ndarray  # (N,) of the errors at the instants [s]
     # (N, N) C, how far an acceleration of 1 in part j has led at instant i [s^2]
     moved: np.ndarray
-    coasting: float  # h, how long after an instant rows ask where the robot is [s]
+    # h, how long after an instant rows ask where the robot is: a control period [s]
+    coasting: float
     # (N, N) as C, that long after the instant and without acceleration since [s^2]
     coasted: np.ndarray
     errors: np.ndarray  # (N, N) C^T diag(weights) C
@@ -112,21 +113,18 @@ def make_preview(ahead: Resolved, period: float) -> Preview:
 
 
 @compiled
-def shifted_plan(
-    plan: np.ndarray, preview: Preview, n: int, period: float
-) -> np.ndarray:
+def shifted_plan(plan: np.ndarray, preview: Preview, n: int) -> np.ndarray:
     """The last plan, from now on, (N, n) [rad/s^2]: 0 beyond its end.
 
     Args:
         plan: (N n,) of one period ago; (0,) at a start.
-        period: of the controller [s].
     """
     N = len(preview.times)
     shifted = np.zeros((N, n))
     if not len(plan):
         return shifted
     for i in range(N):
-        middle = preview.times[i] - 0.5 * preview.lengths[i] + period
+        middle = preview.times[i] - 0.5 * preview.lengths[i] + preview.coasting
         for j in range(N):
             if middle <= preview.times[j]:
                 for k in range(n):
@@ -491,7 +489,6 @@ class PlanNumbers(NamedTuple):
     approach: Approach
     lower: np.ndarray  # (n,) [rad or m]
     upper: np.ndarray
-    period: float  # [s]
 
 
 @compiled
@@ -527,7 +524,7 @@ def plan_step(
     state = find_state(q, v, numbers.robot)
     references = find_references(state, targets, r.rows.value, numbers.tasks)
     q, v = state.q, state.v
-    last = shifted_plan(before, preview, n, numbers.period)
+    last = shifted_plan(before, preview, n)
     x = expected_motion(v, references.qddot_p, last, preview)
     x = possible_motion(x, q, lower, upper, approach.fastest, preview)
     pairs, of_pairs = pair_rows_ahead(q, v, x, approach, numbers.shapes.value, preview)
@@ -571,7 +568,7 @@ class Plan:
         self._numbers = hold(
             PlanNumbers(
                 *(model.robot, of.pairs.shapes, hold(preview), tasks, ahead.approach),
-                *(of.limits.lower, of.limits.upper, of.period),
+                *(of.limits.lower, of.limits.upper),
             )
         )
         self._model, self._motors, self._ones = model, of.motors, np.ones(model.n)

@@ -19,8 +19,7 @@ import pytest
 from crar_drake.commands import main, serve
 from crar_drake.commands.serve import tell_at_once
 from crar_drake.errors import CrarError
-from crar_drake.law.compilation import COMPILING, compiled
-from crar_drake.law.programs import cache_folder
+from crar_drake.law.compilation import COMPILING, cache_folder, compiled
 from crar_drake.teleoperation.serving import make_server
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "teleoperate.py"

@@ -18,9 +18,8 @@ import numpy as np
 import pytest
 
 import crar_drake
-from crar_drake.law import blending, compilation, programs
-from crar_drake.law.compilation import compiled
-from crar_drake.law.programs import Program, Whole
+from crar_drake.law import blending, compilation
+from crar_drake.law.compilation import Program, Whole, compiled
 
 # A function that calls others.
 _CALL = """
@@ -106,7 +105,7 @@ def test_ctrl_c_while_machine_code_is_handed_over(tmp_path, monkeypatch, number)
 
     code = property(lambda self: vars(self)["code"], disturbed)
     before = signal.signal(number, asked)
-    monkeypatch.setattr(programs, "cache_folder", lambda source: tmp_path)
+    monkeypatch.setattr(compilation, "cache_folder", lambda source: tmp_path)
     doubled = compiled(lambda a: 2.0 * a)
     try:
         with monkeypatch.context() as patch:
@@ -205,7 +204,7 @@ def test_what_is_damaged_is_compiled_again(warm, tmp_path, monkeypatch, caplog, 
     for file in files:
         file.write_bytes(DAMAGES[damage](file.read_bytes()))
     (folder,) = cache.glob("blending-*")
-    monkeypatch.setattr(programs, "cache_folder", lambda source: folder)
+    monkeypatch.setattr(compilation, "cache_folder", lambda source: folder)
     i, j = np.zeros(3), np.array([0.0, 1.0, 0.0])
     for hits in (0, 1):
         product = compiled(blending._inverse_left_jacobian.py_func)
@@ -251,7 +250,7 @@ def test_what_is_compiled_is_found_by_all_sources_that_it_is_made_of():
     for source in package.rglob("*.py"):
         if "@compiled" not in (text := source.read_text()):
             continue
-        known = set(programs.sources_of(source))
+        known = set(compilation.sources_of(source))
         room = importlib.import_module(
             ".".join(source.relative_to(package.parent).with_suffix("").parts)
         )
@@ -273,7 +272,7 @@ def test_what_is_compiled_is_found_by_all_sources_that_it_is_made_of():
 def test_another_source_means_another_folder(tmp_path, monkeypatch):
     """Of those that a file takes names from, however far away; others are nothing to
     it."""
-    monkeypatch.setattr(programs, "_PACKAGE", tmp_path)
+    monkeypatch.setattr(compilation, "_PACKAGE", tmp_path)
     room = tmp_path / "room"
     room.mkdir()
     (room / "a.py").write_text("from crar_drake.room.b import (\n    x,\n    y,\n)\n")
@@ -282,8 +281,8 @@ def test_another_source_means_another_folder(tmp_path, monkeypatch):
     (room / "d.py").write_text("x = 1\n")
 
     def folder() -> Path:
-        programs._imported.cache_clear()
-        return programs.cache_folder.__wrapped__(room / "a.py")
+        compilation._imported.cache_clear()
+        return compilation.cache_folder.__wrapped__(room / "a.py")
 
     before = folder()
     (room / "d.py").write_text("x = 2\n")
@@ -295,7 +294,7 @@ def test_another_source_means_another_folder(tmp_path, monkeypatch):
 def test_compiling_is_told_with_how_far_it_is(monkeypatch, tmp_path):
     monkeypatch.setattr(compilation, "_REPORTED_EVERY", 0.0)
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    programs.cache_folder.cache_clear()
+    compilation.cache_folder.cache_clear()
     told = []
     with compilation.when_compiling(told.append):
         assert numba.njit(lambda x: x)(1.0) == 1.0  # of another package
@@ -306,12 +305,12 @@ def test_compiling_is_told_with_how_far_it_is(monkeypatch, tmp_path):
     assert re.fullmatch(r"1 functions compiled in \d+ s", told[1])
     assert re.fullmatch(r"2 functions compiled in \d+ s", told[2])
     assert len(told) == 3
-    programs.cache_folder.cache_clear()
+    compilation.cache_folder.cache_clear()
 
 
 def test_blocks_that_are_told_may_end_in_any_order(monkeypatch, tmp_path):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    programs.cache_folder.cache_clear()
+    compilation.cache_folder.cache_clear()
     first, second = [], []
     blocks = [compilation.when_compiling(each.append) for each in (first, second)]
     for block in blocks:
@@ -321,7 +320,7 @@ def test_blocks_that_are_told_may_end_in_any_order(monkeypatch, tmp_path):
     blocks[1].__exit__(None, None, None)
     compilation.compiled(_twice)(1.0)
     assert (first, second) == ([], [compilation.COMPILING])
-    programs.cache_folder.cache_clear()
+    compilation.cache_folder.cache_clear()
 
 
 def _once(x):

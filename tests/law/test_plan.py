@@ -88,16 +88,16 @@ def test_the_instants_are_apart_by_a_period_at_least():
 
 def test_a_plan_is_shifted_by_a_period():
     plan = np.arange(1.0, 2.0 * N + 1.0)
-    shifted = shifted_plan(plan, PREVIEW, 2, PERIOD)
+    shifted = shifted_plan(plan, PREVIEW, 2)
     before = plan.reshape(N, 2)
     # The middles of the parts, 5, 20, 45, 80 and 130 ms, and a period of 5 ms later.
     np.testing.assert_array_equal(shifted, before[[0, 1, 2, 3, 4]])
     late = make_preview(AHEAD, 0.04)
     # Parts of 40 ms: what was next is now, and of what comes last nothing is known.
     np.testing.assert_array_equal(
-        shifted_plan(plan, late, 2, 0.04), [*before[1:5], [0.0, 0.0]]
+        shifted_plan(plan, late, 2), [*before[1:5], [0.0, 0.0]]
     )
-    assert not shifted_plan(np.zeros(0), PREVIEW, 2, PERIOD).any()
+    assert not shifted_plan(np.zeros(0), PREVIEW, 2).any()
 
 
 def test_expected_motion_is_that_of_the_accelerations():

@@ -15,7 +15,7 @@ from crar_drake.errors import ScenarioError
 from crar_drake.law.approach import Approach
 from crar_drake.law.compilation import hold
 from crar_drake.law.ground import Ground
-from crar_drake.law.limits import Limits, is_within
+from crar_drake.law.limits import JointLimits, Limits, is_within
 from crar_drake.law.measured import fastest_asked
 from crar_drake.law.motors import Motors
 from crar_drake.law.obstacles import Regions
@@ -111,12 +111,13 @@ class RobotConstraints:
         )
         speeds = gains.speed_limits(model)[model.controlled]
         fastest = np.minimum(speeds, fastest_asked(model))
-        self.limits = Limits(lower, upper, fastest, approach)
+        limits = JointLimits(lower, upper, fastest, self.period, self.plant_step)
+        self.limits = Limits(limits, approach)
         self.all: list[Constraint] = [self.limits, self.pairs]
         self.motors = self.ground = None
         efforts = gains.limits_of_efforts(model)
         if np.isfinite(efforts).any():
-            self.motors = Motors(model, efforts)
+            self.motors = Motors(model, efforts, self.period, self.plant_step)
             self.all.append(self.motors)
         if gains.balance is not None:
             self.ground = Ground(model, self.T, self.period, gains.balance)

@@ -131,7 +131,8 @@ class ControlLaw:
             )
             self._motors = self._constraints.motors
         elif np.isfinite(self.effort_limits).any():
-            self._motors = Motors(model, self.effort_limits)
+            times = self._period, min(self._plant_step, self._period)
+            self._motors = Motors(model, self.effort_limits, *times)
         self.has_posture = stiffness > 0.0
         weights = model.row_weights if model.weighs_rows else _NOTHING
         tasks = TaskGains(

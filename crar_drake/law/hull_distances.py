@@ -70,13 +70,13 @@ def corners_of(
 
 @compiled
 def _lowest(points, x, y, z):
-    """Which of (V, 3) points is lowest along (x, y, z)."""
+    """Which of (V, 3) points is lowest along (x, y, z), and how low it is."""
     which, low = 0, np.inf
     for i in range(len(points)):
         height = points[i, 0] * x + points[i, 1] * y + points[i, 2] * z
         if height < low:
             which, low = i, height
-    return which
+    return which, low
 
 
 @compiled
@@ -215,8 +215,8 @@ def nearest_apart(
             n[c], x[c] = v[c] / length, shift[c]
             for k in range(count):
                 x[c] += share[k] * a[of[k, 0], c]
-        i = _lowest(a, n[0], n[1], n[2])
-        j = _lowest(b, -n[0], -n[1], -n[2])
+        i, _ = _lowest(a, n[0], n[1], n[2])
+        j, _ = _lowest(b, -n[0], -n[1], -n[2])
         gap = 0.0
         for c in range(3):
             w[count, c] = a[i, c] + shift[c] - b[j, c]
@@ -253,20 +253,12 @@ def _gap_across(a, b, e, f, best, n):
     if not length > 1e-9 * np.sqrt(ee * ff):
         return best
     x, y, z = x / length, y / length, z / length
-    low_a = low_b = np.inf
-    high_a = high_b = -np.inf
-    for i in range(len(a)):
-        height = a[i, 0] * x + a[i, 1] * y + a[i, 2] * z
-        low_a, high_a = min(low_a, height), max(high_a, height)
-    for i in range(len(b)):
-        height = b[i, 0] * x + b[i, 1] * y + b[i, 2] * z
-        low_b, high_b = min(low_b, height), max(high_b, height)
-    if low_a - high_b > best:
-        best = low_a - high_b
-        n[0], n[1], n[2] = x, y, z
-    if low_b - high_a > best:
-        best = low_b - high_a
-        n[0], n[1], n[2] = -x, -y, -z
+    for sign in (1.0, -1.0):
+        _, low = _lowest(a, sign * x, sign * y, sign * z)
+        _, high = _lowest(b, -sign * x, -sign * y, -sign * z)
+        if low + high > best:
+            best = low + high
+            n[0], n[1], n[2] = sign * x, sign * y, sign * z
     return best
 
 

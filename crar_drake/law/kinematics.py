@@ -23,6 +23,7 @@ from crar_drake.law.capsule_distances import (
 )
 from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.tasks import TaskRows, rotation_from_quaternion, stack_rows
+from crar_drake.law.vectors import cross_rows, product
 
 
 class Tree(NamedTuple):
@@ -80,9 +81,7 @@ def free_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
                 for r in range(3):
                     X[frame, 3, c] += p[r] * X[frame, r, c]
             R = rotation_from_quaternion(q[at : at + 4].copy().reshape(1, 4))[0]
-            for c in range(3):
-                for r in range(3):
-                    X[frame + 1, c, r] = R[r, c]
+            X[frame + 1, :3, :3] = R.T
     return X
 
 
@@ -165,12 +164,8 @@ def joint_motion(placed: np.ndarray) -> np.ndarray:
     K, nv = len(placed), placed.shape[1] // 3
     S = np.empty((K, 6, nv))
     for k in range(K):
-        for j in range(nv):
-            p, turn, slide = placed[k, j], placed[k, nv + j], placed[k, 2 * nv + j]
-            S[k, 0, j], S[k, 1, j], S[k, 2, j] = turn[0], turn[1], turn[2]
-            S[k, 3, j] = p[1] * turn[2] - p[2] * turn[1] + slide[0]
-            S[k, 4, j] = p[2] * turn[0] - p[0] * turn[2] + slide[1]
-            S[k, 5, j] = p[0] * turn[1] - p[1] * turn[0] + slide[2]
+        p, turn, slide = placed[k, :nv], placed[k, nv : 2 * nv], placed[k, 2 * nv :]
+        S[k, :3], S[k, 3:] = turn.T, (cross_rows(p, turn) + slide).T
     return S
 
 
@@ -187,21 +182,9 @@ def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray
         S: (6, nv) `joint_motion`.
         tasks: with the turns or axes e of the rows, 0 of a joint's.
     """
-    m, nv = tasks.carried.shape
-    J = tasks.of_joints.copy()
-    for i in range(m):
-        e_0, e_1, e_2 = tasks.fixed[i, 3], tasks.fixed[i, 4], tasks.fixed[i, 5]
-        if not tasks.fixed[i].any():
-            continue  # of a joint
-        at = tasks.of_rows[i]
-        w_0 = p[at, 1] * e_2 - p[at, 2] * e_1 + tasks.fixed[i, 0]
-        w_1 = p[at, 2] * e_0 - p[at, 0] * e_2 + tasks.fixed[i, 1]
-        w_2 = p[at, 0] * e_1 - p[at, 1] * e_0 + tasks.fixed[i, 2]
-        for j in range(nv):
-            if tasks.carried[i, j] != 0.0:
-                turning = w_0 * S[0, j] + w_1 * S[1, j] + w_2 * S[2, j]
-                J[i, j] += turning + e_0 * S[3, j] + e_1 * S[4, j] + e_2 * S[5, j]
-    return J
+    e = tasks.fixed[:, 3:]
+    w = cross_rows(p[tasks.of_rows], e) + tasks.fixed[:, :3]
+    return tasks.of_joints + tasks.carried * product(np.hstack((w, e)), S)
 
 
 @compiled
@@ -226,37 +209,14 @@ def task_bias(
         S: (6, nv) `joint_motion`.
         v: (nv,) velocities.
     """
-    nv, T = len(v), len(tasks.carries)
-    own, change, moving = np.empty((nv, 6)), np.zeros((nv, 6)), np.empty(6)
-    for j in range(nv):
-        for c in range(6):
-            own[j, c] = S[c, j] * v[j]
-    for j in range(nv):
-        for c in range(6):
-            moving[c] = 0.0
-            for i in range(nv):
-                moving[c] += tasks.above[j, i] * own[i, c]
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            change[j, k] += moving[m] * own[j, n] - moving[n] * own[j, m]
-            change[j, 3 + k] += moving[m] * own[j, 3 + n] - moving[n] * own[j, 3 + m]
-            change[j, 3 + k] += moving[3 + m] * own[j, n] - moving[3 + n] * own[j, m]
-    alpha, a_p = np.empty((T, 3)), np.empty((T, 3))
-    A, link, at = np.empty(6), np.empty(6), np.empty(3)
-    for i in range(T):
-        for c in range(6):
-            A[c], link[c] = 0.0, 0.0
-            for j in range(nv):
-                A[c] += tasks.carries[i, j] * change[j, c]
-                link[c] += tasks.carries[i, j] * own[j, c]
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            at[k] = link[3 + k] + (link[m] * p[i, n] - link[n] * p[i, m])
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            alpha[i, k] = A[k]
-            a_p[i, k] = A[3 + k] + (A[m] * p[i, n] - A[n] * p[i, m])
-            a_p[i, k] += link[m] * at[n] - link[n] * at[m]
+    own = np.ascontiguousarray((S * v).T)
+    moving = product(tasks.above, own)
+    w, u, s, t = moving[:, :3], moving[:, 3:], own[:, :3], own[:, 3:]
+    change = np.hstack((cross_rows(w, s), cross_rows(w, t) + cross_rows(u, s)))
+    A, link = product(tasks.carries, change), product(tasks.carries, own)
+    alpha, w = A[:, :3], link[:, :3]
+    at = link[:, 3:] + cross_rows(w, p)
+    a_p = A[:, 3:] + cross_rows(alpha, p) + cross_rows(w, at)
     still = np.zeros(len(rows.joint_rows))
     return stack_rows(alpha[rows.angular_tasks], a_p[rows.linear_tasks], still, rows)
 

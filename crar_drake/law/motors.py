@@ -32,7 +32,7 @@ from crar_drake.law.dynamics import inertia_matrix, joint_torques
 from crar_drake.law.prediction import state_within
 from crar_drake.law.projection import Rows, hard_rows
 from crar_drake.law.step import SafetyCheck, State
-from crar_drake.law.vectors import times, to_places
+from crar_drake.law.vectors import product, times, to_places
 from crar_drake.robot.model import ControlModel
 
 # The share of a limit that braking may need in the next step [1]: the rest is for what
@@ -64,6 +64,8 @@ class Efforts(NamedTuple):
     limits: np.ndarray  # (M,) [Nm or N]
     aimed: np.ndarray  # (M,) of `Motors`
     n: int  # joints whose deceleration is counted: the controlled ones
+    period: float  # of the controller [s]
+    plant_step: float  # as of `State` [s]
 
 
 class Motors:
@@ -75,11 +77,14 @@ class Motors:
 
     name = "motor"
 
-    def __init__(self, model: ControlModel, limits: np.ndarray) -> None:
+    def __init__(
+        self, model: ControlModel, limits: np.ndarray, period: float, plant_step: float
+    ) -> None:
         """
         Args:
             model: whose dynamics.
             limits: (nu,) [Nm or N], infinite where there is none.
+            period, plant_step: as of `State` [s].
 
         Raises:
             ModelError: the plant has a force that is not known.
@@ -88,7 +93,7 @@ class Motors:
         share, limits = model.effort_of_joints[some], limits[some]
         self.aimed = (1.0 - _INSIDE) * limits
         of = share, model.order, model.positions, limits, self.aimed, model.n
-        self._efforts = hold(Efforts(model.dynamics, *of))
+        self._efforts = hold(Efforts(model.dynamics, *of, period, plant_step))
         self._at: tuple[np.ndarray, np.ndarray] | None = None
 
     def affine(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -118,9 +123,8 @@ class Motors:
                 over a shorter is a part of the present one.
         """
         q, v = state.q, state.v
-        given = *self.affine(q, v), v, vdot, np.array(choices), state.period
+        given = *self.affine(q, v), v, vdot, np.array(choices)
         uses = braking_use(*given, self._efforts)
-        times_ = state.period, state.plant_step, self._efforts
         chosen, least, lacks = None, state.T, np.inf
         for T, (now, then) in zip(choices, uses.tolist(), strict=True):
             if T > state.T and not is_clear(T):
@@ -129,11 +133,12 @@ class Motors:
                 least, lacks = T, now
             can = now <= 1.0
             if can and T != state.T:
-                can = can_brake(q, v, vdot, 0.0, T, *times_)
+                can = can_brake(q, v, vdot, 0.0, T, self._efforts)
             if can:
                 chosen = T
-            if can and then <= RESERVE and can_brake(q, v, vdot, 1.0, T, *times_):
-                break
+            if can and then <= RESERVE:
+                if can_brake(q, v, vdot, 1.0, T, self._efforts):
+                    break
         return least if chosen is None else chosen
 
     def is_safe(self, q: np.ndarray, v: np.ndarray, T: float) -> bool:
@@ -145,8 +150,7 @@ class Motors:
 
     def rows(self, state: State) -> Rows:
         g, least = motor_rows(
-            *(*self._affine, state.v, state.prescribed),
-            *(state.T, state.period, self._efforts),
+            *(*self._affine, state.v, state.prescribed, state.T, self._efforts)
         )
         # What rows lack is to be less than what is asked for ends below the limits.
         rows = hard_rows(g, least)
@@ -154,8 +158,7 @@ class Motors:
 
     def examine(self, state: State, s: np.ndarray, correct: bool) -> SafetyCheck:
         safe, left, worst, g, least = check_motors(
-            *(state.q, state.v, s, *self._affine, state.T),
-            *(state.period, state.plant_step, correct, self._efforts),
+            *(state.q, state.v, s, *self._affine, state.T, correct, self._efforts)
         )
         if safe:
             return SafetyCheck(True, left)
@@ -179,29 +182,19 @@ def affine_torques(
     q: np.ndarray, v: np.ndarray, efforts: Held
 ) -> tuple[np.ndarray, np.ndarray]:
     """A (M, nv), b (M,): torques are A q_ddot + b at a state (nv,), (nv,)."""
-    of, nv = efforts.value, len(v)
+    of = efforts.value
     H = inertia_matrix(to_places(q, of.positions), of.dynamics.value)
-    A = np.zeros((len(of.limits), nv))
-    for m in range(len(A)):
-        for i in range(nv):
-            if of.share[m, i] != 0.0:
-                for j in range(nv):
-                    A[m, j] += of.share[m, i] * H[i, of.order[j]]
-    return A, torques(q, v, np.zeros(nv), of)
+    return product(of.share, H[:, of.order]), torques(q, v, np.zeros(len(v)), of)
 
 
 @compiled
 def braking_torques(
-    q: np.ndarray,
-    v: np.ndarray,
-    T: float,
-    period: float,
-    plant_step: float,
-    efforts: Efforts,
+    q: np.ndarray, v: np.ndarray, T: float, efforts: Efforts
 ) -> tuple[np.ndarray, np.ndarray]:
     """(M,) torques of braking of n joints over T [s] from a state (nv,), (nv,):
     signed, the largest on the way; (M,) the share w of the speed there."""
-    kappa, slower = 1.0 - 0.5 * (period + plant_step) / T, 1.0 - period / T
+    period = efforts.period
+    kappa, slower = 1.0 - 0.5 * (period + efforts.plant_step) / T, 1.0 - period / T
     M = len(efforts.limits)
     signed, at = np.zeros(M), np.ones(M)
     brakes = v.copy()
@@ -231,16 +224,14 @@ def can_brake(
     vdot: np.ndarray,
     share: float,
     T: float,
-    period: float,
-    plant_step: float,
     efforts: Held,
 ) -> bool:
     """Whether `braking_torques` are within the limits, from where vdot (nv,) leads in a
     share of a period."""
     of = efforts.value
     if share > 0.0:
-        q, v = state_within(q, v, vdot, share * period, plant_step)
-    signed, _ = braking_torques(q, v, T, period, plant_step, of)
+        q, v = state_within(q, v, vdot, share * of.period, of.plant_step)
+    signed, _ = braking_torques(q, v, T, of)
     return (np.abs(signed) <= _OF_PATH * of.limits).all()
 
 
@@ -252,8 +243,6 @@ def check_motors(
     A: np.ndarray,
     b: np.ndarray,
     T: float,
-    period: float,
-    plant_step: float,
     correct: bool,
     efforts: Held,
 ) -> tuple[bool, float, int, np.ndarray, np.ndarray]:
@@ -271,23 +260,23 @@ def check_motors(
         from which braking takes less.
     """
     of = efforts.value
-    L, M, n = of.limits, len(of.limits), of.n
+    L, M, n, period = of.limits, len(of.limits), of.n, of.period
     vdot, nothing = (s - v) / T, (np.zeros((0, n)), np.zeros(0))
-    there, rate = state_within(q, v, vdot, period, plant_step)
+    there, rate = state_within(q, v, vdot, period, of.plant_step)
     now = times(A, vdot) + b
     tau = np.abs(now)
-    middle, halfway = state_within(q, v, vdot, 0.5 * period, plant_step)
+    middle, halfway = state_within(q, v, vdot, 0.5 * period, of.plant_step)
     tau = np.maximum(tau, np.abs(torques(middle, halfway, vdot, of)))
     tau = np.maximum(tau, np.abs(torques(there, rate, vdot, of)))
     over = tau - _HELD * L
     signed, at = np.zeros(M), np.ones(M)
     if correct or (over <= 0.0).all():
-        signed, at = braking_torques(there, rate, T, period, plant_step, of)
+        signed, at = braking_torques(there, rate, T, of)
     then = np.abs(signed)
     beyond = then - _OF_PATH * L
     if not (beyond <= 0.0).all():
         # Where the present braking path needs more, that is allowed.
-        needed, _ = braking_torques(q, v, T, period, plant_step, of)
+        needed, _ = braking_torques(q, v, T, of)
         beyond = then - np.maximum(_OF_PATH * L, np.abs(needed))
     left = 1.0 - max((tau / L).max(), (then / L).max())
     if (over <= 0.0).all() and (beyond <= 0.0).all():  # false of a NaN
@@ -324,7 +313,6 @@ def braking_use(
     v: np.ndarray,
     vdot: np.ndarray,
     choices: np.ndarray,
-    period: float,
     efforts: Held,
 ) -> np.ndarray:
     """(K, 2) the largest share of what is aimed at that braking over each T takes: now;
@@ -334,9 +322,8 @@ def braking_use(
         A, b: (M, nv), (M,) of the torques A q_ddot + b.
         v: (nv,) velocities.
         choices: (K,) of T [s].
-        period: [s].
     """
-    n, L = efforts.value.n, efforts.value.aimed
+    n, L, period = efforts.value.n, efforts.value.aimed, efforts.value.period
     found, then = np.empty((len(choices), 2)), v + period * vdot
     v = v.copy()
     v[n:] = then[n:] = 0.0
@@ -347,13 +334,14 @@ def braking_use(
 
 
 @compiled
-def motor_rows(A, b, v, prescribed, T, period, efforts):
+def motor_rows(A, b, v, prescribed, T, efforts):
     """g (2 M, n), least (2 M,), see the top of the file; arguments as of `braking_use`.
 
     Args:
         prescribed: (nv - n,) s of the joints that are not controlled.
     """
-    M, n, L, share = len(A), efforts.value.n, efforts.value.aimed, period / T
+    of = efforts.value
+    M, n, L, share = len(A), of.n, of.aimed, of.period / T
     g, least = np.zeros((2 * M, n)), np.empty(2 * M)
     for i in range(M):
         # The torque of standing still here, of the prescribed joints alone, of braking.

@@ -127,8 +127,7 @@ def shifted_plan(plan: np.ndarray, preview: Preview, n: int) -> np.ndarray:
         middle = preview.times[i] - 0.5 * preview.lengths[i] + preview.coasting
         for j in range(N):
             if middle <= preview.times[j]:
-                for k in range(n):
-                    shifted[i, k] = plan[j * n + k]
+                shifted[i] = plan[j * n : (j + 1) * n]
                 break
     return shifted
 

@@ -128,8 +128,7 @@ def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarr
         of_rows: (m,) right-hand side of a level, without weights.
     """
     x_0 = np.zeros(n)
-    for i in range(len(rows.joints)):
-        x_0[rows.joints[i]] = of_rows[rows.joint_rows[i]]
+    x_0[rows.joints] = of_rows[rows.joint_rows]
     return x_0
 
 

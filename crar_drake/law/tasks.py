@@ -225,13 +225,10 @@ def stack_rows(
 ) -> np.ndarray:
     """(m,) in the order of the tasks, orientation above position, from (Na, 3), (Nl, 3)
     and (Nj,)."""
-    stacked, angular, linear = np.empty(num_rows(rows)), angular.ravel(), linear.ravel()
-    for i in range(len(angular)):
-        stacked[rows.angular_rows[i]] = angular[i]
-    for i in range(len(linear)):
-        stacked[rows.linear_rows[i]] = linear[i]
-    for i in range(len(joints)):
-        stacked[rows.joint_rows[i]] = joints[i]
+    stacked = np.empty(num_rows(rows))
+    stacked[rows.angular_rows] = angular.ravel()
+    stacked[rows.linear_rows] = linear.ravel()
+    stacked[rows.joint_rows] = joints
     return stacked
 
 

@@ -193,8 +193,7 @@ def put(x: np.ndarray, at: int, values: np.ndarray) -> None:
 def to_places(x: np.ndarray, places: np.ndarray) -> np.ndarray:
     """(n,) the entries of x (n,), each at its place."""
     y = np.empty(len(x))
-    for i in range(len(x)):
-        y[places[i]] = x[i]
+    y[places] = x
     return y
 
 

@@ -14,8 +14,9 @@ from small_robots import add_controller, add_plant, chain_urdf, make_model
 
 from crar_drake.errors import InputError
 from crar_drake.law import parameters
+from crar_drake.law.compilation import hold
 from crar_drake.law.control_law import ControlLaw
-from crar_drake.law.limits import velocity_bounds
+from crar_drake.law.limits import JointLimits, velocity_bounds
 from crar_drake.law.measured import fastest_asked
 from crar_drake.law.parameters import LookaheadParameters
 from crar_drake.law.step import SCALED
@@ -330,8 +331,8 @@ def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits(tar
         unit = [model.inverse_dynamics(workspace, e) for e in np.eye(n)]
         inertia = np.array(unit).T - still[:, None]
         T = solution.T[0]
-        limits = model.lower, model.upper, fastest
-        bounds = velocity_bounds(q, v, *limits, T, STEP, STEP)
+        limits = hold(JointLimits(model.lower, model.upper, fastest, STEP, STEP))
+        bounds = velocity_bounds(q, v, T, limits)
         lowest, highest = ((s - v) / T for s in bounds)
         within = linprog(
             np.zeros(n),

@@ -22,8 +22,9 @@ from pydrake.systems.framework import DiagramBuilder
 from sliding_balls import BOTH, among_posts
 
 from crar_drake.law.capsule_distances import ShapePairs
+from crar_drake.law.compilation import hold
 from crar_drake.law.hull_distances import no_hulls
-from crar_drake.law.limits import velocity_bounds
+from crar_drake.law.limits import JointLimits, velocity_bounds
 from crar_drake.law.path_bounds import (
     FALLING,
     LOWEST,
@@ -137,7 +138,9 @@ def test_within_the_bounds_no_limit_is_passed(
     """By q', q'_s and all steps of the plant in between; nor a speed. At the bounds
     themselves one of them is just reached."""
     rng, q, v, lower, upper, fastest = random_joints(seed, beyond=False)
-    low, high = velocity_bounds(q, v, lower, upper, fastest, T, period, period / steps)
+    times = period, period / steps
+    limits = hold(JointLimits(lower, upper, fastest, *times))
+    low, high = velocity_bounds(q, v, T, limits)
     assert (low <= 0.0).all() and (high >= 0.0).all()
     bounded = [np.maximum(low, -1e6), np.minimum(high, 1e6)]
     for s in (*bounded, rng.uniform(*bounded), np.zeros(len(q))):
@@ -169,7 +172,8 @@ def test_beyond_a_limit_or_a_speed_it_does_not_get_worse(
     """Braking is always within the bounds; and what is within the bounds is no worse
     than the present path and what braking leaves of the speed."""
     rng, q, v, lower, upper, fastest = random_joints(seed, beyond=True)
-    low, high = velocity_bounds(q, v, lower, upper, fastest, T, period, period)
+    limits = hold(JointLimits(lower, upper, fastest, period, period))
+    low, high = velocity_bounds(q, v, T, limits)
     assert (low <= 0.0).all() and (high >= 0.0).all()
     bounded = [np.maximum(low, -1e6), np.minimum(high, 1e6)]
     for s in (*bounded, rng.uniform(*bounded), np.zeros(len(q))):

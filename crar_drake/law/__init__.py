@@ -23,8 +23,7 @@ A constraint of one's own is a class with the methods of `Constraint`;
 """
 
 from crar_drake.law.projection import Rows, hard_rows
-from crar_drake.law.segment import lowest_on_segment
-from crar_drake.law.step import Constraint, SafetyCheck, State
+from crar_drake.law.step import Constraint, SafetyCheck, State, lowest_on_segment
 
 __all__ = [
     "Constraint",

@@ -7,6 +7,7 @@ changes by g s per second. It is to change at least by `least_rate`.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from crar_drake.law.compilation import compiled
 from crar_drake.law.vectors import times
@@ -31,11 +32,7 @@ class Approach(NamedTuple):
 
 @compiled
 def least_rate(
-    h: np.ndarray,
-    margin: float | np.ndarray,
-    gamma: float,
-    fastest: float,
-    kappa: float,
+    h: np.ndarray, margin: ArrayLike, gamma: float, fastest: float, kappa: float
 ) -> np.ndarray:
     """How fast a margin has to grow at least; (C,) [m/s, rad/s].
 

@@ -37,12 +37,9 @@ MOVING, STILL = 0, 1
 class Links(NamedTuple):
     """L moving links with S shapes; made by `robot.watched_links`."""
 
-    tree: Held  # of the robot's `Tree`
-    positions: np.ndarray  # (nv,) of its joints in the plant's order
-    # (P, 4) of `place_points`: the joints' axes, as in `joint_motion`; where the axes
-    # of shapes start; and from there to their ends
-    selection: np.ndarray
-    first: np.ndarray  # (P,) of `place_points` as well
+    # of a `Robot` with other points: the joints' axes, as in `joint_motion`; where the
+    # axes of shapes start; and from there to their ends
+    robot: Held
     shapes: np.ndarray  # (L + 1,) where the shapes of each link begin, and all end
     radii: np.ndarray  # (S,) of the shapes [m]
     balls: np.ndarray  # (S,) and of the balls about them
@@ -204,9 +201,10 @@ def harmless_share(
 @compiled
 def place_links(q: np.ndarray, links: Links) -> Placed:
     """Where links are at q (nv,)."""
-    tree, in_plant = links.tree.value, to_places(q, links.positions)
+    r = links.robot.value
+    tree, in_plant = r.tree.value, to_places(q, r.positions)
     X = link_poses(in_plant.reshape(1, -1), tree, tree.every)
-    at = place_points(X, links.selection, links.first)[0]
+    at = place_points(X, r.selection, r.first)[0]
     start = 3 * len(q)
     vector = start + len(links.radii)
     S = joint_motion(at[:start].reshape(1, -1, 3))[0]

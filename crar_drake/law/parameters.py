@@ -441,9 +441,7 @@ class LookaheadParameters(SafetyParameters, Shared):
     @property
     def T(self) -> float:
         """Braking time constant wherever nothing asks for another [s]."""
-        if self.braking_time is not None:
-            return self.braking_time
-        if self.plans and self.balance is None:
+        if self.braking_time is None and self.plans and self.balance is None:
             return max(_PLANNED_T, LEAST_PERIODS * self.period)
         return self.longest_T
 

@@ -136,17 +136,9 @@ class TaskLayout:
     @cached_property
     def rows(self) -> TaskRows:
         """The same indices for the equations."""
-        return TaskRows(
-            self.angular_tasks,
-            self.linear_tasks,
-            self.angular_rows.ravel(),
-            self.linear_rows.ravel(),
-            self.quaternion_entries.ravel(),
-            self.position_entries.ravel(),
-            self.joint_rows,
-            self.joint_entries,
-            np.array(self.joints, dtype=int),
-        )
+        *names, _ = TaskRows._fields
+        joints = np.array(self.joints, dtype=int)
+        return TaskRows(*(getattr(self, name).ravel() for name in names), joints)
 
     def unpack(self, desired: np.ndarray) -> DesiredTasks:
         """Splits [x_d; v_d; a_d] (size,) into its parts."""

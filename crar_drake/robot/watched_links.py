@@ -3,6 +3,7 @@
 import numpy as np
 
 from crar_drake.errors import ScenarioError
+from crar_drake.law.compilation import hold
 from crar_drake.law.moving_obstacles import Links
 from crar_drake.law.path_bounds import Reaches
 from crar_drake.robot.model import ControlModel
@@ -79,10 +80,12 @@ def watched_links(
     radii = np.array(radii, dtype=float) + np.repeat(lost, np.diff(counts))
     selection, first = joints.select([*starts, *vectors])
     robot, axes = model.robot.value, slice(3 * len(order))
+    robot = robot._replace(
+        selection=np.concatenate((robot.selection[axes], selection)),
+        first=np.concatenate((robot.first[axes], first)),
+    )
     links = Links(
-        *(robot.tree, robot.positions),
-        np.concatenate((robot.selection[axes], selection)),
-        np.concatenate((robot.first[axes], first)),
+        hold(robot),
         np.array(counts, dtype=np.int64),
         *(radii, radii + 0.5 * np.array(lengths, dtype=float)),
         Reaches(reach, joints.above(order), slides, np.zeros(len(slides)), by),

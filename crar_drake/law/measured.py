@@ -124,10 +124,7 @@ def watch_lateness(
     if len(sent) < first + lags + 1:
         return before._replace(v=v)
     commanded = np.array(sent[first : first + lags + 1])
-    part = told - first
-    expected = period * ((1.0 - part) * commanded[:-1] + part * commanded[1:])
-    expected = np.vstack((expected, np.zeros(len(v))))
-    missing = np.sum((v - before.v - expected) ** 2, axis=1)
+    missing = missing_squares(v - before.v, commanded, told - first, period)
     steps = before.steps + 1
     share = max(period / _WINDOW, 1.0 / steps)
     missed = before.missed + share * (missing - before.missed)
@@ -137,6 +134,55 @@ def watch_lateness(
     if steps >= _FIRST and noticed and missed[best] < _CLEARLY * rival:
         now = best
     return Lateness(v, missed, steps, now)
+
+
+@compiled
+def missing_squares(
+    change: np.ndarray, commanded: np.ndarray, part: float, period: float
+) -> np.ndarray:
+    """(K + 1,) squares of what is missing of a change of velocity, for each lag, and if
+    nothing had been commanded [(rad/s)^2].
+
+    Args:
+        change: (nv,) in a period [rad/s].
+        commanded: (K + 1, nv) accelerations, the newest first [rad/s^2].
+        part: of a period that each lag is longer [1].
+        period: [s].
+    """
+    missing = np.zeros(len(commanded))
+    for j in range(len(change)):
+        for lag in range(len(missing)):
+            left = change[j]
+            if lag + 1 < len(missing):
+                here, next_ = commanded[lag, j], commanded[lag + 1, j]
+                left -= period * ((1.0 - part) * here + part * next_)
+            missing[lag] += left * left
+    return missing
+
+
+@compiled
+def is_way(
+    q0: np.ndarray,
+    v0: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    period: float,
+    positions: np.ndarray,
+    velocities: np.ndarray,
+    turns: np.ndarray,
+    jump: np.ndarray,
+) -> bool:
+    """`MeasuredStates.way`, of n joints: by which entries they are, (n,) (n,), whether
+    they are only known within one turn (n,), and how far they may be off (n,)."""
+    for i in range(len(positions)):
+        moved = abs(q[positions[i]] - q0[positions[i]])
+        if turns[i]:
+            moved %= 2.0 * np.pi
+            moved = min(moved, 2.0 * np.pi - moved)
+        fastest = max(abs(v[velocities[i]]), abs(v0[velocities[i]]))
+        if not moved <= period * fastest + jump[i]:
+            return False
+    return True
 
 
 class MeasuredStates:
@@ -170,7 +216,7 @@ class MeasuredStates:
         self._fastest = fastest_believed(model)
         self._jump = np.array([_JUMP[unit] for unit in units])
         # An angle without limits may be given within one turn.
-        self._turns = np.flatnonzero(~np.isfinite(model.upper - model.lower))
+        self._turns = ~np.isfinite(model.upper - model.lower)
 
     def believed(self, v: np.ndarray, before: np.ndarray | None) -> np.ndarray:
         """Velocities, those of joints that are too fast replaced by the ones before.
@@ -196,12 +242,8 @@ class MeasuredStates:
             q0, v0: (nq,), (nv,) measured a control period ago, plausible speeds.
             q, v: (nq,), (nv,) measured now, plausible speeds.
         """
-        moved, turns = np.abs(q[self._q] - q0[self._q]), self._turns
-        if len(turns):
-            there = moved[turns] % (2.0 * np.pi)
-            moved[turns] = np.minimum(there, 2.0 * np.pi - there)
-        fastest = np.maximum(np.abs(v[self._v]), np.abs(v0[self._v]))
-        return bool((moved <= self._period * fastest + self._jump).all())
+        of = self._q, self._v, self._turns, self._jump
+        return is_way(q0, v0, q, v, self._period, *of)
 
     def now(
         self,

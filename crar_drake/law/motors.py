@@ -94,14 +94,13 @@ class Motors:
         self.aimed = (1.0 - _INSIDE) * limits
         of = share, model.order, model.positions, limits, self.aimed, model.n
         self._efforts = hold(Efforts(model.dynamics, *of, period, plant_step))
-        self._at: tuple[np.ndarray, np.ndarray] | None = None
+        self._at: tuple[bytes, bytes] | None = None
 
     def affine(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A (M, nv), b (M,) of `affine_torques` at a state (nv,), (nv,), once a
         step."""
-        if self._at is None or not all(map(np.array_equal, self._at, (q, v))):
-            self._at = q, v
-            self._affine = affine_torques(q, v, self._efforts)
+        if (at := (q.tobytes(), v.tobytes())) != self._at:
+            self._at, self._affine = at, affine_torques(q, v, self._efforts)
         return self._affine
 
     def braking_time_constant(

@@ -239,8 +239,8 @@ class Retargeter:
         )
         y, violating, effort = keeper.keep(problem, y, effort, progress)
         tasks, astray = problem.tasks, problem.tasks.astray(y)
-        # Past it of the motion that knows no constraints, then of the one that does.
-        for whose in (problem.about, y):
+        # Past it of this motion, then of the one that knows no constraints.
+        for whose in (y, problem.about):
             around = spread(astray, round(_ASTRAY_FOR * rate))
             # Nothing is bridged to where all frames are astray.
             if not astray.any() or around.all():

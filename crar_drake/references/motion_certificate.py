@@ -9,13 +9,13 @@ these.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, plural
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.judging.referee import Referee
 from crar_drake.references.certificate_files import (
@@ -124,7 +124,7 @@ def certified_clip(
         "faults": [list(fault) for fault in faults],
         "left_as_it_was": [fault.kind for fault in left],
         "excused": np.flatnonzero(excused).tolist(),
-        **_summary(frames, pairs),
+        "smallest": _smallest(frames, pairs),
         "frames": frames,
     }
 
@@ -180,57 +180,7 @@ def check_certificate(
     """
     check = CertificateCheck()
     try:
-        if certificate["motion"]["sha256"] != file_hash(motion):
-            check.refuted.append(f"it is of another file than {motion}, or of a former")
-            return check
-        if certificate["robot"]["files"] != robot_files(description):
-            check.refuted.append(
-                f"robot {description.name} has other files than it was made with"
-            )
-            return check
-        if certificate["robot"]["watched_pairs"] != len(description.pairs):
-            check.refuted.append(
-                f"robot {description.name} watches {len(description.pairs)} pairs, and "
-                f"it says {certificate['robot']['watched_pairs']}"
-            )
-        clips = {clip["clip"]: clip for clip in certificate["clips"]}
-        if len(clips) < len(certificate["clips"]):
-            check.refuted.append("a clip is in it more than once")
-        robot = WholeBody(description)
-        check.why_not = why_no_meshes(robot)
-        judge = None if check.why_not else MeshJudge(description)
-        _check_pairs(check, certificate, robot, judge)
-        referee = Referee(
-            robot.plant,
-            robot.scene_graph,
-            description.pairs,
-            robot.plant_speed_limits(),
-        )
-        of_file = certificate["motion"]
-        layout = of_file["layout"]
-        # A rate that the file says cannot be found by what is examined.
-        rate_given = None if LAYOUTS[layout].has_rate else of_file["rate"]
-        motions = read_motions(motion, layout, rate_given, robot=robot)
-        there = {each.clip for each in motions}
-        for clip in clips:
-            if clip not in there:
-                check.refuted.append(f"clip {clip!r} is not in the motion")
-        for each in motions:
-            if each.clip not in clips:
-                check.refuted.append(f"clip {each.clip!r} is not in it")
-                continue
-            claimed = clips[each.clip]
-            if not math.isclose(each.rate, claimed["rate"], rel_tol=1e-9):
-                check.refuted.append(
-                    f"the motion is of {each.rate:g} Hz, and it says "
-                    f"{claimed['rate']:g}"
-                )
-            covered = set() if judge is None else certificate["mesh_pairs"]
-            covered = {frozenset(pair) for pair in covered}
-            _check_clip(check, claimed, each, robot, referee, covered)
-            if judge is not None:
-                said = certificate["mesh_pairs"]
-                _check_meshes(check, claimed["meshes"], said, each, robot, judge)
+        check.refuted.extend(_refuted(check, motion, certificate, description))
     except CrarError:
         raise
     except ValueError as error:  # of the referee, or of a pair that is none
@@ -238,12 +188,62 @@ def check_certificate(
     return check
 
 
+def _refuted(
+    check: CertificateCheck,
+    motion: Path,
+    certificate: dict,
+    description: RobotDescription,
+) -> Iterator[str]:
+    """Yields what does not hold; counts in `check` what is looked at. Arguments, of
+    all that follow, are as of `check_certificate`."""
+    name, said = description.name, certificate["robot"]
+    if certificate["motion"]["sha256"] != file_hash(motion):
+        yield f"it is of another file than {motion}, or of a former"
+        return
+    if said["files"] != robot_files(description):
+        yield f"robot {name} has other files than it was made with"
+        return
+    if said["watched_pairs"] != len(description.pairs):
+        yield (
+            f"robot {name} watches {len(description.pairs)} pairs, and it says "
+            f"{said['watched_pairs']}"
+        )
+    clips = {clip["clip"]: clip for clip in certificate["clips"]}
+    if len(clips) < len(certificate["clips"]):
+        yield "a clip is in it more than once"
+    robot = WholeBody(description)
+    check.why_not = why_no_meshes(robot)
+    judge = None if check.why_not else MeshJudge(description)
+    yield from _check_pairs(check, certificate, robot, judge)
+    referee = robot.referee()
+    of_file = certificate["motion"]
+    layout = of_file["layout"]
+    # A rate that the file says cannot be found by what is examined.
+    rate_given = None if LAYOUTS[layout].has_rate else of_file["rate"]
+    motions = read_motions(motion, layout, rate_given, robot=robot)
+    there = {each.clip for each in motions}
+    yield from (f"clip {x!r} is not in the motion" for x in clips if x not in there)
+    for each in motions:
+        if each.clip not in clips:
+            yield f"clip {each.clip!r} is not in it"
+            continue
+        claimed, pairs = clips[each.clip], certificate["mesh_pairs"]
+        if not math.isclose(each.rate, claimed["rate"], rel_tol=1e-9):
+            yield f"the motion is of {each.rate:g} Hz, and it says {claimed['rate']:g}"
+        covered = {frozenset(pair) for pair in pairs if judge is not None}
+        yield from _check_clip(check, claimed, each, robot, referee, covered)
+        if judge is not None:
+            yield from _check_meshes(
+                check, claimed["meshes"], pairs, each, robot, judge
+            )
+
+
 def _check_pairs(
     check: CertificateCheck,
     certificate: dict,
     robot: WholeBody,
     judge: MeshJudge | None,
-) -> None:
+) -> Iterator[str]:
     """Whether it tells of each pair that can meet that it is of it, or that it is not.
 
     Where nobody looks at meshes here, pairs that only these cover count as uncovered.
@@ -261,14 +261,12 @@ def _check_pairs(
         unknown = of_meshes - {frozenset(pair) for pair in judge.pairs}
         if unknown:
             pair = " - ".join(sorted(next(iter(unknown))))
-            check.refuted.append(f"it is of {pair}, which is no pair that is judged")
+            yield f"it is of {pair}, which is no pair that is judged"
     untold = [pair for pair in pairs if frozenset(pair) not in told]
     if untold:
         a, b = untold[0]
-        check.refuted.append(
-            f"it does not say that it is not of {a} - {b}, which nobody watches"
-            + (f", and of {len(untold) - 1} more" if len(untold) > 1 else "")
-        )
+        more = f", and of {len(untold) - 1} more" if len(untold) > 1 else ""
+        yield f"it does not say that it is not of {a} - {b}, which nobody watches{more}"
 
 
 def _check_meshes(
@@ -278,29 +276,25 @@ def _check_meshes(
     motion: RobotMotion,
     robot: WholeBody,
     judge: MeshJudge,
-) -> None:
-    """Adds what the judge of meshes finds of one motion.
+) -> Iterator[str]:
+    """What the judge of meshes finds of one motion.
 
     Args:
-        check: it is added to.
         claims: of the motion; None where there are none.
         said: the pairs that they are of.
-        motion: it.
-        robot, judge: its.
     """
     name = f"{motion.clip}: " if motion.clip else ""
     # What is not claimed may be anything but a penetration.
-    least = {"at_frames": np.zeros(len(judge.pairs)), "on_ways": None}
-    least["on_ways"] = least["at_frames"].copy()
+    least = {key: np.zeros(len(judge.pairs)) for key in ("at_frames", "on_ways")}
     if claims is None and said:
-        check.refuted.append(f"{name}it has no bounds of meshes")
+        yield f"{name}it has no bounds of meshes"
     elif claims is not None:
         row = {frozenset(pair): k for k, pair in enumerate(judge.pairs)}
         rows = [row.get(frozenset(pair)) for pair in said]
         for key, values in least.items():
             claimed = np.asarray(claims[key], dtype=float)
             if claimed.shape != (len(said),) or np.isnan(claimed).any():
-                check.refuted.append(f"{name}meshes, {key}: not a number for each pair")
+                yield f"{name}meshes, {key}: not a number for each pair"
                 return
             for k, value in zip(rows, claimed, strict=True):
                 if k is not None:
@@ -310,7 +304,7 @@ def _check_meshes(
                 a, b = said[unclear[0]]
                 more = f", and {len(unclear) - 1} more" if len(unclear) > 1 else ""
                 where = "at a frame" if key == "at_frames" else "between frames"
-                check.refuted.append(
+                yield (
                     f"{name}the meshes of {a} - {b}{more} are not shown to be clear "
                     f"{where}"
                 )
@@ -334,16 +328,15 @@ def _check_meshes(
             penetrating.setdefault(row, set()).add(k)
             continue
         claim = least["on_ways" if u else "at_frames"][row]
-        check.refuted.append(
+        yield (
             f"{name}frame {k + 1}{' and the next' if u else ''}: the meshes of {a} - "
             f"{b} are {1e3 * d:.3f} mm apart, claimed {1e3 * claim:.3f} mm"
         )
     for row, frames in penetrating.items():
         a, b = judge.pairs[row]
-        of = "frame" if len(frames) == 1 else "frames"
-        check.refuted.append(
-            f"{name}the meshes of {a} - {b} penetrate in {len(frames)} {of}, or on the "
-            f"ways from there, first {min(frames) + 1}"
+        yield (
+            f"{name}the meshes of {a} - {b} penetrate in {plural(len(frames), 'frame')}"
+            f", or on the ways from there, first {min(frames) + 1}"
         )
 
 
@@ -354,13 +347,11 @@ def _check_clip(
     robot: WholeBody,
     referee: Referee,
     covered: Collection[frozenset[str]],
-) -> None:
-    """Adds what one motion's claims and the referee's findings are.
+) -> Iterator[str]:
+    """What of one motion's claims the referee refutes.
 
     Args:
-        check: it is added to.
         claimed: of the motion.
-        motion, robot, referee: it, and its.
         covered: pairs whose meshes are looked at, and decide where that is claimed.
     """
     claims, joints = claimed["frames"], motion.joint_positions
@@ -369,25 +360,19 @@ def _check_clip(
         for name in ("distance", "between", "limit", "speed")
     }
     if any(values.shape != (len(joints),) for values in bounds.values()):
-        check.refuted.append(f"it is not of {len(joints)} frames")
+        yield f"it is not of {len(joints)} frames"
         return
     # What is no number is smaller than nothing, and would hold of all.
-    numbers = (
-        np.isfinite(bounds["distance"])
-        & np.isfinite(bounds["between"])
-        & ~np.isnan(bounds["limit"])
-        & ~np.isnan(bounds["speed"])
-    )
+    numbers = np.isfinite(bounds["distance"]) & np.isfinite(bounds["between"])
+    numbers &= ~np.isnan(bounds["limit"]) & ~np.isnan(bounds["speed"])
     if not numbers.all():
-        check.refuted.append(f"frame {numbers.argmin() + 1}: a claim is no number")
+        yield f"frame {numbers.argmin() + 1}: a claim is no number"
         return
     excused = np.isin(np.arange(len(joints)), claimed["excused"])
     unclear = np.where(excused, np.inf, bounds["between"])
     if unclear.min() < 0.0:
-        check.refuted.append(
-            f"the way from frame {unclear.argmin() + 1} to the next is not shown to be "
-            "clear"
-        )
+        frame = unclear.argmin() + 1
+        yield f"the way from frame {frame} to the next is not shown to be clear"
     q = robot.configurations(joints)
     limit = np.minimum(joints - robot.lower, robot.upper - joints).min(axis=1)
     speed = np.zeros(len(joints))
@@ -399,25 +384,22 @@ def _check_clip(
     ):
         if worse.any():
             k = int(worse.argmax())
-            check.refuted.append(
-                f"frame {k + 1}: {name} is {found[k]:.6g}, claimed "
-                f"{bounds[name][k]:.6g}"
-            )
+            claim = bounds[name][k]
+            yield f"frame {k + 1}: {name} is {found[k]:.6g}, claimed {claim:.6g}"
     if limit.min() < -LIMIT_TOLERANCE:
-        check.refuted.append(f"frame {limit.argmin() + 1} is beyond a joint limit")
+        yield f"frame {limit.argmin() + 1} is beyond a joint limit"
     if speed.max() > 1.0 + SPEED_TOLERANCE:
-        check.refuted.append(f"frame {speed.argmax() + 1} is beyond a speed limit")
+        yield f"frame {speed.argmax() + 1} is beyond a speed limit"
     check.limit = min(check.limit, float(limit.min()))
     check.speed = max(check.speed, float(speed.max()))
     for k in range(len(q)):
         decide = covered if excused[k] else ()
-        _check_frame(check, k, q[k : k + 2], bounds, referee, decide)
-    summary = _summary(claims, referee.pairs)
-    if claimed["smallest"] != summary["smallest"]:
-        check.refuted.append("'smallest' is not what its frames say")
+        yield from _check_frame(check, k, q[k : k + 2], bounds, referee, decide)
+    if claimed["smallest"] != _smallest(claims, referee.pairs):
+        yield "'smallest' is not what its frames say"
 
 
-def _check_frame(check, k: int, ends, bounds, referee: Referee, decide) -> None:
+def _check_frame(check, k: int, ends, bounds, referee: Referee, decide):
     """A frame, and points on the way to the next; of some pairs meshes decide."""
     points = [(0.0, bounds["distance"][k])]
     if len(ends) > 1:
@@ -432,7 +414,7 @@ def _check_frame(check, k: int, ends, bounds, referee: Referee, decide) -> None:
         if d < check.distance:
             check.distance, check.pair = d, pair
         if d < claim - DISTANCE_TOLERANCE:
-            check.refuted.append(
+            yield (
                 f"frame {k + 1}{' and the next' if u else ''}: {pair[0]} - {pair[1]} "
                 f"are {1e3 * d:.3f} mm apart, claimed {1e3 * claim:.3f} mm"
             )
@@ -440,11 +422,10 @@ def _check_frame(check, k: int, ends, bounds, referee: Referee, decide) -> None:
             below = referee.distances_below(q, 0.0).items()
             others = {frozenset(referee.pairs[i]) for i, apart in below if apart < 0.0}
             for a, b in map(sorted, others.difference(decide)):
-                check.refuted.append(f"frame {k + 1}: {a} - {b} penetrate")
+                yield f"frame {k + 1}: {a} - {b} penetrate"
         elif d < 0.0:
-            check.refuted.append(
-                f"frame {k + 1}: {pair[0]} - {pair[1]} penetrate by {-1e3 * d:.3f} mm"
-            )
+            a, b = pair
+            yield f"frame {k + 1}: {a} - {b} penetrate by {-1e3 * d:.3f} mm"
 
 
 def _meshes(found: MeshClearance) -> dict:
@@ -474,8 +455,8 @@ def _meshes(found: MeshClearance) -> dict:
     }
 
 
-def _summary(frames: dict, pairs: Sequence[Sequence[str]]) -> dict:
-    """What follows from a motion's frames.
+def _smallest(frames: dict, pairs: Sequence[Sequence[str]]) -> dict:
+    """What a motion's frames keep at least.
 
     Raises:
         ValueError: lists of frames are of different lengths, or there is no such pair.
@@ -486,11 +467,9 @@ def _summary(frames: dict, pairs: Sequence[Sequence[str]]) -> dict:
     if not all(0 <= k < len(pairs) for k in pair):
         raise ValueError("a frame's pair is none that is watched")
     return {
-        "smallest": {
-            "distance": min(distance),
-            "between": min(frames["between"]),
-            "pair": list(pairs[pair[distance.index(min(distance))]]),
-            "limit": min(frames["limit"]),
-            "speed": max(frames["speed"]),
-        },
+        "distance": min(distance),
+        "between": min(frames["between"]),
+        "pair": list(pairs[pair[distance.index(min(distance))]]),
+        "limit": min(frames["limit"]),
+        "speed": max(frames["speed"]),
     }

@@ -15,7 +15,6 @@ import numpy as np
 
 from crar_drake.errors import ModelError
 from crar_drake.judging.mesh_judge import MeshJudge, MeshVerdict, PairContact
-from crar_drake.judging.referee import Referee
 from crar_drake.references.certificate_files import certificate_beside
 from crar_drake.references.faults import LIMBS_OFF, Fault, Tolerances, find_faults
 from crar_drake.references.ground_contact import GroundContact, Outline
@@ -144,16 +143,13 @@ class ReferenceJudge:
                 installed.
         """
         self.robot = WholeBody(description)
-        plant, graph = self.robot.plant, self.robot.scene_graph
         self._mesh_judge = None
-        if meshes and has_meshes(plant, graph):
+        if meshes and has_meshes(self.robot.plant, self.robot.scene_graph):
             check_installed()
             self._mesh_judge = MeshJudge(description)
         self._referee, self._why_no_capsules = None, ""
         try:
-            self._referee = Referee(
-                plant, graph, description.pairs, self.robot.plant_speed_limits()
-            )
+            self._referee = self.robot.referee()
         except ModelError as error:
             self._why_no_capsules = str(error)
         if not description.pairs:

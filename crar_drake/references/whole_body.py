@@ -13,6 +13,7 @@ from pydrake.multibody.tree import Joint, RevoluteJoint, RigidBody
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError
+from crar_drake.judging.referee import Referee
 from crar_drake.motion.quaternion_spline import sign_continuous
 from crar_drake.robot.description import (
     RobotDescription,
@@ -61,16 +62,14 @@ class WholeBody:
         self._children = self._find_children()
         self._root = self._find_root()
         self.root = self._root.name()
-        self._joints = self._in_order(depth_first=True)
+        self._joints = self._below(self._root, depth_first=True)
         if not self._joints:
             raise ModelError(
                 f"robot {description.name}: no joint moves what hangs on its root link "
                 f"{self.root!r}"
             )
         self.joint_names = tuple(joint.name() for joint in self._joints)
-        self.breadth_first = tuple(
-            joint.name() for joint in self._in_order(depth_first=False)
-        )
+        self.breadth_first = self.order_without((), breadth_first=True)
         self.link_names = (
             self.root,
             *(joint.child_body().name() for joint in self._joints),
@@ -148,11 +147,16 @@ class WholeBody:
         v[:, self._v_columns] = joint_velocities
         return v
 
-    def plant_speed_limits(self) -> np.ndarray:
-        """(nv,) largest speeds; what carries the root has none."""
-        limits = np.full(self.plant.num_velocities(), np.inf)
-        limits[self._v_columns] = self.speed_limits
-        return limits
+    def referee(self) -> Referee:
+        """Of watched pairs and of the joints; what carries the root has no speed limit.
+
+        Raises:
+            ModelError: as `Referee`.
+        """
+        fastest = np.full(self.plant.num_velocities(), np.inf)
+        fastest[self._v_columns] = self.speed_limits
+        pairs = self.description.pairs
+        return Referee(self.plant, self.scene_graph, pairs, fastest)
 
     def has_link(self, name: str) -> bool:
         """Whether there is a link of that name."""
@@ -320,9 +324,6 @@ class WholeBody:
         ]
         # Beside the robot other things may stand in the world.
         return max(welded, key=lambda b: len(self._below(b, True)), default=body)
-
-    def _in_order(self, depth_first: bool) -> list[Joint]:
-        return self._below(self._root, depth_first)
 
     def _below(
         self, body: RigidBody, depth_first: bool, locked: Collection[str] = ()

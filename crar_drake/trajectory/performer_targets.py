@@ -30,23 +30,20 @@ from crar_drake.motion.performer_legs import (
     leg_length,
     smooth_legs,
 )
+from crar_drake.motion.quaternion_spline import sign_continuous
 
 # From which of the performer's joints to which limbs lead, and of the robot's frames.
 _ARM = (("shoulder", "elbow"), ("elbow", "wrist"))
 _LEG = (("hip", "knee"), ("knee", "ankle"))
 LIMBS = {
     **{
-        f"{side}_{a}-{b}": ((f"{side}_{a}", f"{side}_{b}"),) * 2
-        for side in SIDES
-        for a, b in _ARM
-    },
-    **{
         f"{side}_{a}-{b}": (
             (f"{side}_{a}", f"{side}_{b}"),
             (f"{side}_{a}", f"{side}_{b}".replace("ankle", "foot")),
         )
+        for parts in (_ARM, _LEG)
         for side in SIDES
-        for a, b in _LEG
+        for a, b in parts
     },
     "trunk": (("pelvis", "neck"), ("waist", "neck")),
     "shoulders": (("left_shoulder", "right_shoulder"),) * 2,
@@ -132,12 +129,10 @@ def performer_targets(
         )
 
     def turned_at(turned: Rotation) -> np.ndarray:
-        quaternions = turned.as_quat()
-        flips = np.sign(np.sum(quaternions[1:] * quaternions[:-1], axis=1))
-        quaternions[1:] *= np.cumprod(np.where(flips == 0.0, 1.0, flips))[:, None]
+        quaternions = sign_continuous(turned.as_quat())
         return Rotation.from_quat(at(quaternions)).as_matrix()
 
-    feet = {}
+    feet, hands = {}, smooth_hands(performer, cutoff) if performer.hands else {}
     for side, leg in legs.items():
         ankle = ankles[side] - [0.0, 0.0, floor]
         sole = leg.heel, leg.ball, leg.points
@@ -154,10 +149,7 @@ def performer_targets(
         turned_at(R_W) @ root_at_rest,
         {name: unit_vectors(at(way)) for name, way in _ways(performer, cutoff).items()},
         feet,
-        {
-            hand: turned_at(Rotation.from_quat(quaternions))
-            for hand, quaternions in _hands(performer, cutoff).items()
-        },
+        {hand: turned_at(Rotation.from_quat(turns)) for hand, turns in hands.items()},
     )
 
 
@@ -173,7 +165,3 @@ def _ways(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
     for name, way in found.items():
         performer.directions(*ends[name], way)
     return found
-
-
-def _hands(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
-    return smooth_hands(performer, cutoff) if performer.hands else {}

@@ -222,7 +222,7 @@ class FileCleaner(Pipeline):
             for motion in (before, written)
         )
         faults, left = left_as_it_was(*both)
-        was = cleaner.margins(cleaner.controlled(before))
+        was = cleaner.keeper.margins(cleaner.controlled(before))
         moved = np.abs(written.joint_positions - before.joint_positions).max(axis=1)
         change = find_change(before, written, self.robot)
         more = asdict(change) | {

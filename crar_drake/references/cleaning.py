@@ -36,7 +36,6 @@ from crar_drake.trajectory.distance_rows import (
     find_poses,
 )
 from crar_drake.trajectory.keeping import Keeper
-from crar_drake.trajectory.margins import Margins
 from crar_drake.trajectory.optimiser import (
     AtFrames,
     Effort,
@@ -95,7 +94,8 @@ class Cleaner:
         parameters: what is asked for.
         description: of the robot.
         model: the robot with its root fixed, and its watched pairs.
-        keeper: of what is kept.
+        keeper: of what is kept. Speeds of its margins are shares of the robot's own
+            limits, whatever share may be used.
         meshes: of its links, which are parted, or None,
         by_shapes: and the keeper of pairs of which they do not decide.
         feet, hands: task frames that are kept,
@@ -190,13 +190,6 @@ class Cleaner:
             MotionError: as `columns`.
         """
         return np.ascontiguousarray(motion.joint_positions[:, self.columns(motion)])
-
-    def margins(self, q: np.ndarray) -> Margins:
-        """What a motion (T, n) of the controlled joints keeps.
-
-        Speeds are shares of the robot's own limits, whatever share may be used.
-        """
-        return self.keeper.margins(q)
 
     def clean(
         self,

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -71,26 +72,33 @@ class GroundContact:
 
 
 class Outline:
-    """The robot's links as balls: vertices of hulls, or the ends of capsules."""
+    """The robot's links as balls: vertices of hulls, or the ends of capsules.
 
-    def __init__(self, robot: WholeBody, points: Sequence[str] = FEET) -> None:
+    Attributes:
+        links: that have a shape.
+        feet: task frame to those of its links that have one; none without.
+    """
+
+    def __init__(self, robot: WholeBody) -> None:
         """
         Args:
             robot: whose links have meshes, or else capsules and spheres.
-            points: task frames of what may stand on the ground.
         """
         self._robot, self.links = robot, tuple(robot.outlines)
-        of_points = {
-            point: links_outward(robot.plant, find_frame(robot.plant, frame))
-            for point, frame in robot.description.task_frames.items()
-            if point in points
-        }
-        # Of each foot, those of its links that have a shape.
-        self.feet = {
-            foot: [link for link in of if link in self.links]
-            for foot, of in of_points.items()
-            if any(link in self.links for link in of)
-        }
+        self.feet = self._shaped(FEET)
+
+    @cached_property
+    def hands(self) -> dict[str, list[str]]:
+        """Task frame to those of its links that have a shape; none without."""
+        return self._shaped(HANDS)
+
+    def _shaped(self, points: Sequence[str]) -> dict[str, list[str]]:
+        plant, found = self._robot.plant, {}
+        for point, frame in self._robot.description.task_frames.items():
+            if point in points:
+                outward = links_outward(plant, find_frame(plant, frame))
+                found[point] = [link for link in outward if link in self.links]
+        return {point: links for point, links in found.items() if links}
 
     def ground_contact(
         self, motion: RobotMotion, floor: float | None = None
@@ -106,7 +114,7 @@ class Outline:
             return GroundContact(zeros, ("",) * motion.num_frames, 0.0, ())
         low = self._lowest(motion, self.links)
         if floor is None:
-            floor = _lowest_floor(self._of_feet(self.links, low))
+            floor = _lowest_floor(_of_points(self.feet, self.links, low))
         return GroundContact(
             lowest=low.min(axis=1),
             lowest_links=tuple(self.links[i] for i in low.argmin(axis=1)),
@@ -131,13 +139,13 @@ class Outline:
         return max(slips, default=0.0)
 
     def sole(self, motion: RobotMotion, foot: str) -> Iterator[np.ndarray]:
-        """Yields (B, V, 3) the lowest points of a foot's balls, in the world [m]; of
-        each block of frames with the first one of the next.
+        """Yields (B, V, 3) the lowest points of a foot's or hand's balls, in the world
+        [m]; of each block of frames with the first one of the next.
 
         Args:
             motion: with its joints in the order of the robot.
         """
-        links = self.feet[foot]
+        links = self.feet.get(foot) or self.hands[foot]
         outlines = [self._robot.outlines[link] for link in links]
         for p_WB, R_WB in self._blocks(motion, links, 1):
             points = []
@@ -149,21 +157,35 @@ class Outline:
                 points.append(p)
             yield np.concatenate(points, axis=1)
 
-    def heights(self, motion: RobotMotion) -> dict[str, np.ndarray]:
-        """Foot to (T,) the height of its lowest point [m].
+    def carrying(self, motion: RobotMotion, hands: Sequence[str]) -> np.ndarray:
+        """When hands carry the robot, which they do while they are planted on the floor
+        of its feet: (T, H) 1 then, and less shortly before and after, else 0.
 
         Args:
             motion: with its joints in the order of the robot.
+            hands: task frames.
         """
-        links = list(dict.fromkeys(link for of in self.feet.values() for link in of))
-        return self._of_feet(links, self._lowest(motion, links)) if links else {}
+        shares = np.zeros((motion.num_frames, len(hands)))
+        if not self.hands:
+            return shares
+        floor = _lowest_floor(self._heights(motion, self.feet))
+        before = round(_BEFORE_CARRYING * motion.rate)
+        weights = np.full(2 * before + 1, 1.0 / (2 * before + 1))
+        for hand, height in self._heights(motion, self.hands).items():
+            # What is never low is never planted, and not looked at.
+            if hand in hands and height.min() <= floor + THRESHOLDS.height_off:
+                p_WS = self.sole(motion, hand)
+                planted = foot_slip(hand, p_WS, floor, motion.rate).planted
+                share = np.convolve(spread(planted, before), weights)
+                shares[:, hands.index(hand)] = share[before:][: len(shares)]
+        return shares
 
-    def _of_feet(self, links: Sequence[str], low: np.ndarray) -> dict[str, np.ndarray]:
-        """`heights`, where those of links are (T, L)."""
-        return {
-            foot: low[:, [links.index(link) for link in of]].min(axis=1)
-            for foot, of in self.feet.items()
-        }
+    def _heights(
+        self, motion: RobotMotion, points: Mapping[str, Sequence[str]]
+    ) -> dict[str, np.ndarray]:
+        """Of feet or hands, with their links, each to (T,) its lowest height [m]."""
+        links = list(dict.fromkeys(link for of in points.values() for link in of))
+        return _of_points(points, links, self._lowest(motion, links)) if links else {}
 
     def _lowest(self, motion: RobotMotion, links: Sequence[str]) -> np.ndarray:
         """(T, L) heights of the lowest points of links [m]."""
@@ -183,37 +205,14 @@ class Outline:
             yield self._robot.poses_in_world(*root, q, links)
 
 
-class CarryingHands:
-    """When hands carry a robot: while they are planted on the floor of its feet."""
-
-    def __init__(self, robot: WholeBody) -> None:
-        """
-        Args:
-            robot: with or without hands.
-        """
-        self._feet, self._hands = Outline(robot), Outline(robot, HANDS)
-
-    def shares(self, motion: RobotMotion, hands: Sequence[str]) -> np.ndarray:
-        """(T, H) 1 where a hand carries, and less shortly before and after, else 0.
-
-        Args:
-            motion: with its joints in the order of the robot.
-            hands: task frames.
-        """
-        shares = np.zeros((motion.num_frames, len(hands)))
-        if not self._hands.feet:
-            return shares
-        floor = _lowest_floor(self._feet.heights(motion))
-        before = round(_BEFORE_CARRYING * motion.rate)
-        weights = np.full(2 * before + 1, 1.0 / (2 * before + 1))
-        for hand, height in self._hands.heights(motion).items():
-            # What is never low is never planted, and not looked at.
-            if hand in hands and height.min() <= floor + THRESHOLDS.height_off:
-                p_WS = self._hands.sole(motion, hand)
-                planted = foot_slip(hand, p_WS, floor, motion.rate).planted
-                share = np.convolve(spread(planted, before), weights)
-                shares[:, hands.index(hand)] = share[before:][: len(shares)]
-        return shares
+def _of_points(
+    points: Mapping[str, Sequence[str]], links: Sequence[str], low: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Each to (T,) its lowest height, where those of links are (T, L) [m]."""
+    return {
+        point: low[:, [links.index(link) for link in of]].min(axis=1)
+        for point, of in points.items()
+    }
 
 
 def _lowest_floor(heights: dict[str, np.ndarray]) -> float:

@@ -27,7 +27,7 @@ from crar_drake.references.cleaning import Cleaner, CleaningParameters
 from crar_drake.references.contacts import contacts_path, remove_beside
 from crar_drake.references.faults import Fault
 from crar_drake.references.folder_page import Figure
-from crar_drake.references.ground_contact import CarryingHands, Outline
+from crar_drake.references.ground_contact import Outline
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.motion_certificate import certified_clip, make_certificate
 from crar_drake.references.motion_files import read_motions, write_motions
@@ -200,7 +200,7 @@ class Pipeline(ABC):
             ModelError: a mesh cannot be read.
         """
         self.operation, self.robot, self.outline = operation, robot, Outline(robot)
-        self.uncovered, self._carrying = Uncovered(robot), CarryingHands(robot)
+        self.uncovered = Uncovered(robot)
         self._cleaners: dict[float, Cleaner] = {}
 
     @abstractmethod
@@ -267,9 +267,10 @@ class Pipeline(ABC):
         """What holds of a motion in the file, for the user and for its certificate."""
         cleaner = self.cleaner(written.rate)
         q = cleaner.controlled(written)
-        now = kept = cleaner.margins(q)
-        meshes = self.uncovered.look_at(written)
+        now = kept = cleaner.keeper.margins(q)
+        meshes = self.uncovered.meshes
         if meshes is not None:
+            meshes = meshes.find(written.joint_positions)
             kept = cleaner.by_shapes.margins(q)
         excused = _unclear(now) & ~_unclear(kept)
         judged, p = self.judge(solved, written), cleaner.parameters
@@ -313,7 +314,7 @@ class Pipeline(ABC):
     ) -> tuple[RobotMotion, float]:
         """A motion cleaned, and how long a processor took [s]."""
         cleaner = self.cleaner(motion.rate)
-        carries = self._carrying.shares(motion, cleaner.hands)
+        carries = self.outline.carrying(motion, cleaner.hands)
         done = None if progress is None else lambda k: progress(k, motion.num_frames)
         began = time.process_time()
         found = cleaner.clean(

@@ -8,8 +8,7 @@ from pydrake.multibody.tree import BodyIndex
 
 from crar_drake.errors import ModelError
 from crar_drake.judging.judged_pairs import pairs_by_joints
-from crar_drake.references.mesh_clearance import ClearanceOfMeshes, MeshClearance
-from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.mesh_clearance import ClearanceOfMeshes
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot_import.link_meshes import check_installed, has_meshes
 
@@ -87,9 +86,3 @@ class Uncovered:
         if self.meshes is not None:
             listed |= asdict(self.meshes.meshes.not_of)
         return listed
-
-    def look_at(self, motion: RobotMotion) -> MeshClearance | None:
-        """What the meshes keep on a motion; None without any."""
-        if self.meshes is None:
-            return None
-        return self.meshes.find(motion.joint_positions)

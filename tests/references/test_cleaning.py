@@ -149,7 +149,7 @@ def test_a_long_motion_is_cleaned_in_parts(cleaner, monkeypatch):
 def test_margins_bound_what_the_referee_finds(cleaner):
     rng = np.random.default_rng(0)
     q = np.cumsum(rng.normal(scale=0.1, size=(12, 3)), axis=0) + [0.6, 0.3, 0.1]
-    found = cleaner.margins(q)
+    found = cleaner.keeper.margins(q)
     fine = least_distances(cleaner, q, 50)
     frames = fine[::50]
     np.testing.assert_allclose(found.distance, frames, atol=1e-9)

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from small_biped import biped
 
 from crar_drake.references.ground_contact import (
-    CarryingHands,
+    Outline,
     foot_slip,
     least_way,
     longest_slip,
@@ -149,7 +149,7 @@ def test_a_hand_on_the_ground_carries_in_short_motions_too(tmp_path, frames):
         joint_positions=np.zeros((frames, 5)),
         rate=20.0,
     )
-    shares = CarryingHands(robot).shares(motion, ("right_hand", "left_hand"))
+    shares = Outline(robot).carrying(motion, ("right_hand", "left_hand"))
     k = np.arange(frames)
     there = np.minimum(k + 2, frames - 1) - np.maximum(k - 2, 0) + 1
     np.testing.assert_allclose(shares, np.column_stack([0.0 * k, there / 5.0]))

@@ -65,9 +65,8 @@ class TriangleMesh:
             raise ValueError("a vertex is not finite")
         # Files repeat a vertex for each of its triangles; whether the surface is
         # closed and what hangs together is seen only without that.
-        self.vertices, merged = _merged(vertices)
-        faces = merged[faces]
-        a, b, c = faces.T
+        self.vertices, merged = np.unique(vertices, axis=0, return_inverse=True)
+        a, b, c = (faces := merged.reshape(-1)[faces]).T
         self.faces = faces[(a != b) & (b != c) & (c != a)]
         if not len(self.faces):
             raise ValueError("all triangles are without area")
@@ -274,16 +273,6 @@ def _one_holds_other(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> 
     return a.has_inside(_moved(X_AB, b.one_vertex_each)) or b.has_inside(
         _moved(X_BA, a.one_vertex_each)
     )
-
-
-def _merged(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The different ones of (N, 3) vertices, and which of them each of the N is."""
-    order = np.lexsort(vertices.T)
-    ordered = vertices[order]
-    new = np.concatenate([[True], (np.diff(ordered, axis=0) != 0.0).any(axis=1)])
-    merged = np.empty(len(vertices), dtype=int)
-    merged[order] = np.cumsum(new) - 1
-    return ordered[new], merged
 
 
 def _moved(X: RigidTransform, points: np.ndarray) -> np.ndarray:

@@ -71,7 +71,7 @@ def run_references(arguments: argparse.Namespace) -> int:
     from crar_drake.files import check_folder
     from crar_drake.references.faults import Tolerances
     from crar_drake.references.folders import FileResult, each_file, references_in
-    from crar_drake.references.reference_judge import FileJudge, JudgeOptions
+    from crar_drake.references.reference_judge import FileJudge
     from crar_drake.references.verdict_report import verdict_lines
     from crar_drake.robot.description import load_robot_description, whole_body_name
 
@@ -90,8 +90,9 @@ def run_references(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         check_folder(arguments.out)
     files = references_in(arguments.what)
-    options = JudgeOptions(
-        robot=arguments.robot,
+    begin = partial(
+        FileJudge,
+        arguments.robot,
         layout=arguments.layout,
         rate=arguments.frame_rate,
         meshes=not arguments.no_meshes,
@@ -102,14 +103,10 @@ def run_references(arguments: argparse.Namespace) -> int:
         ),
     )
     if len(files) == 1:
-        judged = [FileResult(files[0], tuple(FileJudge(options)(files[0])))]
+        judged = [FileResult(files[0], tuple(begin()(files[0])))]
     else:
-        load_robot_description(options.robot)  # what is wrong with it is said once
-        results = each_file(
-            [(file,) for file in files],
-            partial(FileJudge, options),
-            jobs=arguments.jobs,
-        )
+        load_robot_description(arguments.robot)  # what is wrong with it is said once
+        results = each_file([(file,) for file in files], begin, jobs=arguments.jobs)
         done: dict[Path, FileResult] = {}
         with frames_bar() as progress, closing(results):
             for result in results:
@@ -122,7 +119,7 @@ def run_references(arguments: argparse.Namespace) -> int:
                 print(line)
     _print_table(judged)
     if arguments.out is not None:
-        _write(judged, options.robot, arguments.out)
+        _write(judged, arguments.robot, arguments.out)
     verdicts = [verdict for entry in judged for verdict in entry.clips]
     violated = list(verdicts[0].violations) if len(verdicts) == 1 else []
     if len(verdicts) > 1:

@@ -10,9 +10,8 @@ import numpy as np
 from crar_drake.errors import ModelError
 from crar_drake.references.ground_contact import FEET, HANDS
 from crar_drake.references.robot_motion import RobotMotion
-from crar_drake.references.smoothness import joint_jerks
+from crar_drake.references.smoothness import joint_jerks, rms
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.robot.description import find_frame
 
 # A joint that is faster moves [rad/s]; to this share of its speed it stands still.
 _MOVES, _STILL = 0.5, 0.02
@@ -96,12 +95,7 @@ def _moved(
     before: RobotMotion, after: RobotMotion, robot: WholeBody, frames: Sequence[str]
 ) -> np.ndarray:
     """(T, L) how far the links of task frames are apart [m]; NaN without any."""
-    there = robot.description.task_frames
-    links = [
-        find_frame(robot.plant, there[frame]).body().name()
-        for frame in frames
-        if frame in there
-    ]
+    links = robot.links_at(frames)
     was, now = (
         robot.poses_in_world(
             m.root_positions, m.root_rotations, m.joint_positions, links
@@ -125,8 +119,3 @@ def find_frozen(before: RobotMotion, after: RobotMotion) -> np.ndarray:
         for m in (before, after)
     )
     return (was * before.rate > _MOVES) & (now < _STILL * was)
-
-
-def rms(values: np.ndarray) -> float:
-    """Root mean square of all entries; 0 of none."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.figure import Figure
 
+from crar_drake.errors import few
 from crar_drake.figures import save_figure
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.reference_judge import beyond, frames_of, limit_excess
@@ -16,6 +17,7 @@ from crar_drake.references.smoothness import (
     find_jumps,
     joint_jerks,
     joint_label,
+    rms,
     step_speeds,
 )
 from crar_drake.references.whole_body import WholeBody
@@ -94,7 +96,7 @@ def _joint_lines(motion: RobotMotion) -> Iterator[str]:
         )
     jerks = joint_jerks(motion)
     if len(jerks):
-        text += f"; rms jerk {np.sqrt(np.mean(jerks**2)):.0f} rad/s³"
+        text += f"; rms jerk {rms(jerks):.0f} rad/s³"
     yield text
 
 
@@ -109,11 +111,8 @@ def _limit_lines(motion: RobotMotion, robot: WholeBody) -> Iterator[str]:
             yield f"no joint is beyond {what}"
             continue
         reported = [f"{each.joint} by {each.excess:.3g} {unit}" for each in joints]
-        yield (
-            f"beyond {what} in {len(frames_of(joints))} frames: "
-            + ", ".join(reported[:_MOST])
-            + (f" and {len(joints) - _MOST} more" if len(joints) > _MOST else "")
-        )
+        some = few(reported, _MOST)
+        yield f"beyond {what} in {len(frames_of(joints))} frames: {some}"
 
 
 def plot_robot_motion(motion: RobotMotion, path: str | os.PathLike[str]) -> None:

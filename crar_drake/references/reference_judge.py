@@ -24,6 +24,7 @@ from crar_drake.references.smoothness import (
     Jump,
     find_jumps,
     joint_jerks,
+    rms,
     root_acceleration,
     step_speeds,
 )
@@ -147,13 +148,12 @@ class ReferenceJudge:
         if meshes and has_meshes(self.robot.plant, self.robot.scene_graph):
             check_installed()
             self._mesh_judge = MeshJudge(description)
-        self._referee, self._why_no_capsules = None, ""
-        try:
-            self._referee = self.robot.referee()
-        except ModelError as error:
-            self._why_no_capsules = str(error)
-        if not description.pairs:
-            self._referee, self._why_no_capsules = None, "no pairs are watched"
+        self._referee, self._why_no_capsules = None, "no pairs are watched"
+        if description.pairs:
+            try:
+                self._referee, self._why_no_capsules = self.robot.referee(), ""
+            except ModelError as error:
+                self._why_no_capsules = str(error)
         self._outline = Outline(self.robot)
 
     def judge(
@@ -199,7 +199,7 @@ class ReferenceJudge:
             ground=ground,
             jumps=find_jumps(motion),
             root_acceleration=root_acceleration(motion.root_positions, motion.rate),
-            rms_jerk=float(np.sqrt(np.mean(jerks**2))) if jerks.size else 0.0,
+            rms_jerk=rms(jerks),
             peak_jerk=float(np.abs(jerks).max(initial=0.0)),
             peak_jerk_joint=names[peak],
             faults=(*find_faults(motion, ground, tolerances), *told),
@@ -259,9 +259,13 @@ def frames_of(found: Iterable[PairContact | Beyond]) -> tuple[int, ...]:
     return tuple(sorted({frame for each in found for frame in each.frames}))
 
 
-@dataclass(frozen=True)
-class JudgeOptions:
-    """How motions are read and judged."""
+@dataclass
+class FileJudge:
+    """Judges files of motions of one robot, one after the other.
+
+    Raises:
+        CrarError: the robot cannot be used.
+    """
 
     robot: str  # name or folder
     layout: str | None = None  # of the files; None: each as it looks like
@@ -271,18 +275,9 @@ class JudgeOptions:
     every: float | None = None
     tolerances: Tolerances = Tolerances()  # what is no violation
 
-
-class FileJudge:
-    """Judges files of motions of one robot, one after the other."""
-
-    def __init__(self, options: JudgeOptions) -> None:
-        """
-        Raises:
-            CrarError: the robot cannot be used.
-        """
-        description = load_robot_description(options.robot).without_ground()
-        self._options = options
-        self._judge = ReferenceJudge(description, options.meshes)
+    def __post_init__(self) -> None:
+        description = load_robot_description(self.robot).without_ground()
+        self._judge = ReferenceJudge(description, self.meshes)
 
     def __call__(self, file: Path) -> list[ReferenceVerdict]:
         """The verdict on each motion in a file, with what its certificate says.
@@ -290,14 +285,14 @@ class FileJudge:
         Raises:
             CrarError: the file cannot be used.
         """
-        options, judge = self._options, self._judge
-        motions = read_motions(file, options.layout, options.rate, robot=judge.robot)
+        judge = self._judge
+        motions = read_motions(file, self.layout, self.rate, robot=judge.robot)
         certificate, verdicts = certificate_beside(file) or {"clips": []}, []
         said = {clip["clip"]: clip for clip in certificate["clips"]}
         for motion in motions:
             of_clip = said.get(motion.clip, {"faults": [], "left_as_it_was": []})
             faults = [Fault(*fault) for fault in of_clip["faults"]]
             told = [fault for fault in faults if fault.kind == LIMBS_OFF]
-            of = options.every, options.tolerances, of_clip["left_as_it_was"], told
+            of = self.every, self.tolerances, of_clip["left_as_it_was"], told
             verdicts.append(judge.judge(motion, *of))
         return verdicts

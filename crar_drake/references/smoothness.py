@@ -26,6 +26,11 @@ class Jump:
     unit: str  # of `size`
 
 
+def rms(values: np.ndarray) -> float:
+    """Root mean square of all entries; 0 of none."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
 def joint_label(motion: RobotMotion, column: int) -> str:
     """A joint's name, or its number from 1 where the file has no names."""
     if motion.joint_names:
@@ -49,10 +54,8 @@ def joint_jerks(motion: RobotMotion) -> np.ndarray:
 def root_acceleration(positions: np.ndarray, rate: float) -> tuple[float, float]:
     """Root mean square and largest size of the second differences of (T, 3) positions
     over the square of the step [m/s^2]; 0 of fewer than three."""
-    if len(positions) < 3:
-        return 0.0, 0.0
     sizes = np.linalg.norm(np.diff(positions, 2, axis=0), axis=1) * rate**2
-    return float(np.sqrt(np.mean(sizes**2))), float(sizes.max())
+    return rms(sizes), float(sizes.max(initial=0.0))
 
 
 def find_jumps(motion: RobotMotion) -> tuple[Jump, ...]:

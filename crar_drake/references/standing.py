@@ -8,7 +8,6 @@ import numpy as np
 
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.robot.description import find_frame
 
 # Frames that are looked at, evenly over the motion.
 _FRAMES = 24
@@ -67,9 +66,8 @@ class Standing:
     @property
     def off_floor(self) -> float:
         """How far the robot's lower points are from z = 0 [m]."""
-        return (
-            float(np.abs(np.quantile(self.lowest, _BELOW))) if self.lowest.size else 0.0
-        )
+        low = self.lowest
+        return float(np.abs(np.quantile(low, _BELOW))) if low.size else 0.0
 
     @property
     def tilt(self) -> float:
@@ -87,12 +85,8 @@ class Standing:
     def _sole(self) -> float:
         """How tilted the lower of two feet is on average, against the robot at zero
         [rad]; 0 without feet."""
-        robot, frames = self._robot, self._robot.description.task_frames
-        feet = [
-            find_frame(robot.plant, frames[name]).body().name()
-            for name in ("left_foot", "right_foot")
-            if name in frames
-        ]
+        robot = self._robot
+        feet = robot.links_at(("left_foot", "right_foot"))
         links, _, R_WB = self._poses
         columns = [links.index(foot) for foot in feet if foot in links]
         if len(columns) < 2:

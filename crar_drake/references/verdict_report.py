@@ -126,10 +126,8 @@ def verdict_lines(verdict: ReferenceVerdict) -> Iterator[str]:
     for fault in verdict.faults:
         was = ", left as it was" if fault.kind in verdict.left else ""
         yield f"  {fault}{was}"
-    if verdict.violations:
-        yield f"  VIOLATED: {', '.join(verdict.violations)}"
-    else:
-        yield "  clean"
+    violated = ", ".join(verdict.violations)
+    yield f"  VIOLATED: {violated}" if violated else "  clean"
 
 
 def verdict_data(verdict: ReferenceVerdict) -> dict:
@@ -179,11 +177,12 @@ def verdict_data(verdict: ReferenceVerdict) -> dict:
         },
     }
     if meshes is not None:
+        nearest = meshes.nearest.distance
         data["meshes"] = {
-            "judged_frames": len(verdict.meshes.frames),
+            "judged_frames": len(meshes.frames),
             "judged_pairs": meshes.num_pairs,
             "penetrating_frames": list(verdict.penetrating_frames),
-            "smallest_distance": _finite(meshes.nearest.distance),
+            "smallest_distance": nearest if np.isfinite(nearest) else None,
             "pairs": [_pair_data(pair) for pair in verdict.mesh_pairs],
             "left_out": [list(pair) for pair in meshes.left_out],
         }
@@ -206,9 +205,9 @@ def _mesh_lines(verdict: ReferenceVerdict) -> Iterator[str]:
         "one joint apart"
     )
     if meshes.nearest.pair is not None and not verdict.mesh_pairs:
-        text += f", smallest distance {1e3 * meshes.nearest.distance:.1f} mm" + _pair(
-            meshes.nearest.pair
-        )
+        a, b = meshes.nearest.pair
+        nearest = _millimetres(meshes.nearest.distance)
+        text += f", smallest distance {nearest} ({a} - {b})"
     yield text
     yield from _pair_lines(verdict.mesh_pairs, rate)
     if meshes.left_out:
@@ -250,9 +249,8 @@ def _smallest(distances: np.ndarray, rate: float) -> str:
     if np.isnan(distances).all():
         return ""
     frame = int(np.nanargmin(distances))
-    return (
-        f", smallest distance {1e3 * distances[frame]:.1f} mm at {frame / rate:.2f} s"
-    )
+    least = _millimetres(distances[frame])
+    return f", smallest distance {least} at {frame / rate:.2f} s"
 
 
 def _of(number: int, total: int) -> str:
@@ -265,14 +263,6 @@ def _percent(number: int, total: int) -> str:
 
 def _millimetres(length: float) -> str:
     return f"{1e3 * length:.1f} mm"
-
-
-def _pair(pair: tuple[str, str]) -> str:
-    return f" ({pair[0]} - {pair[1]})"
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _pair_data(pair: PairContact) -> dict:

@@ -90,6 +90,12 @@ class WholeBody:
         links = dict(zip(self.joint_names, self.link_names[1:], strict=True))
         return (self.root, *(links[name] for name in joint_names))
 
+    def links_at(self, frames: Sequence[str]) -> list[str]:
+        """The links of task frames, of those that the robot has."""
+        there = self.description.task_frames
+        found = (find_frame(self.plant, there[x]) for x in frames if x in there)
+        return [frame.body().name() for frame in found]
+
     def order_without(
         self, locked: Collection[str], breadth_first: bool
     ) -> tuple[str, ...]:

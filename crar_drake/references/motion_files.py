@@ -29,7 +29,7 @@ from crar_drake.references.layouts import (
     usual_suffix,
 )
 from crar_drake.references.robot_match import matched, reordered
-from crar_drake.references.robot_motion import RobotMotion, check_joint_names
+from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 
 # An angle beyond this is none of a joint in radians [rad].
@@ -110,37 +110,28 @@ def read_motions(
     return tuple(motions)
 
 
-def write_motion(
-    path: str | os.PathLike[str],
-    motion: RobotMotion,
-    layout: str,
-    robot: WholeBody | None = None,
-) -> None:
-    """Writes a motion, whole or not at all.
-
-    Args:
-        path: of the file.
-        motion: to be written. What it has in `extras` is written if the layout is the
-            one that they were read from; labels of contacts are in all (`contacts`).
-        layout: its name.
-        robot: that moves; needed where a layout has what follows from the robot
-            (poses of bodies), unless the motion is as it was read.
-
-    Raises:
-        MotionError: the layout needs a robot and there is none, or the robot has
-            other joints.
-        WriteError: the file cannot be written.
-    """
-    write_motions(path, (motion,), layout, robot)
-
-
 def write_motions(
     path: str | os.PathLike[str],
     motions: Sequence[RobotMotion],
     layout: str,
     robot: WholeBody | None = None,
 ) -> None:
-    """Writes several motions into one file, if the layout can; see `write_motion`."""
+    """Writes a motion, or several if the layout can, whole or not at all.
+
+    Args:
+        path: of the file.
+        motions: to be written. What they have in `extras` is written if the layout is
+            the one that they were read from; labels of contacts are in all
+            (`contacts`).
+        layout: its name.
+        robot: that moves; needed where a layout has what follows from the robot
+            (poses of bodies), unless the motion is as it was read.
+
+    Raises:
+        MotionError: the layout needs a robot and there is none, the robot has other
+            joints, or the layout has room for one motion.
+        WriteError: the file cannot be written.
+    """
     to = layout_named(layout)
     if not motions:
         raise MotionError(f"{path}: there is no motion to write")
@@ -149,8 +140,6 @@ def write_motions(
             f"{path}: {layout} holds one motion, and there are {len(motions)}; choose "
             "one (--clip), or motion-lib-pkl"
         )
-    for motion in motions:
-        check_joint_names(motion.joint_names, motion.num_joints, motion.source)
     ordered = [_in_layouts_order(motion, to, robot) for motion in motions]
     write_layout(Path(path), ordered, to, robot)
     if labels_beside(motions, to):

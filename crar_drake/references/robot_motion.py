@@ -1,14 +1,13 @@
 """A robot's motion as files of the field have it: the root's poses and all joints.
 
-`motion_files.read_motion` and `write_motion` are the way from a file and to one; which
+`motion_files.read_motion` and `write_motions` are the way from a file and to one; which
 columns and keys a layout has is in `layouts`.
 """
 
 from __future__ import annotations
 
 import hashlib
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -86,7 +85,11 @@ class RobotMotion:
                 f"the root's quaternion in frame {row + 1} has length "
                 f"{np.linalg.norm(Q[row]):.3g}, and is no rotation"
             )
-        check_joint_names(self.joint_names, q.shape[1], self.source)
+        names, n = self.joint_names, q.shape[1]
+        if names and len(names) != n:
+            raise self._error(f"there are {len(names)} joint names but {n} joints")
+        for name in sorted({name for name in names if list(names).count(name) > 1}):
+            raise self._error(f"joint {name!r} is there more than once")
         try:
             check_rate(self.rate)
         except MotionError as error:
@@ -148,22 +151,6 @@ def has_rows(value: object, frames: int) -> bool:
     """Whether what a file has besides is an array of numbers, a row for each frame."""
     array = isinstance(value, np.ndarray) and value.ndim > 0
     return array and len(value) == frames and value.dtype.kind in "fiub"
-
-
-def check_joint_names(
-    names: Sequence[str], num_joints: int, source: str | os.PathLike[str] = ""
-) -> None:
-    """Raises MotionError unless names are as many as joints (or none), none twice."""
-    where = f"{source}: " if source else ""
-    if not names:
-        return
-    if len(names) != num_joints:
-        raise MotionError(
-            f"{where}there are {len(names)} joint names but {num_joints} joints"
-        )
-    doubled = sorted({name for name in names if list(names).count(name) > 1})
-    if doubled:
-        raise MotionError(f"{where}joint {doubled[0]!r} is there more than once")
 
 
 def _fingerprint(motion: RobotMotion) -> str:

@@ -16,7 +16,7 @@ from crar_drake.references.change import AtMost
 from crar_drake.references.clean_file import clean_file
 from crar_drake.references.ground_contact import Outline
 from crar_drake.references.motion_certificate import check_certificate
-from crar_drake.references.motion_files import write_motion
+from crar_drake.references.motion_files import write_motions
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
@@ -147,7 +147,7 @@ def test_a_motion_on_the_ground_stays_as_it_is(tmp_path):
         rate=30.0,
     )
     first, again = tmp_path / "a" / "calm.csv", tmp_path / "b" / "calm.csv"
-    write_motion(tmp_path / "calm.csv", motion, "wxyz-csv")
+    write_motions(tmp_path / "calm.csv", [motion], "wxyz-csv")
     (row,) = clean_file(tmp_path / "calm.csv", first, str(tmp_path), ground=True)
     assert row.raised == pytest.approx(-0.12, abs=1e-9) and row.changed == 0
     p[:, 2] = HEIGHT

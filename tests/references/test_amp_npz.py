@@ -16,7 +16,7 @@ from small_biped import (
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.robots_own import holds_reference
-from crar_drake.references.motion_files import read_motion, write_motion
+from crar_drake.references.motion_files import read_motion, write_motions
 
 P, Q, JOINTS = moving_samples()
 LINKS = ("pelvis", "trunk", "left_shin")  # some, as in G1_walk.npz
@@ -68,7 +68,7 @@ def test_it_is_read_and_written(tmp_path: Path, robot) -> None:
         assert np.array_equal(read.joint_positions, JOINTS[:, ORDER][:, columns])
     changed = replace(read, joint_positions=read.joint_positions + 0.1)
     for motion, joints in ((read, JOINTS), (changed, JOINTS + 0.1)):
-        write_motion(other, motion, "amp-npz", robot)
+        write_motions(other, [motion], "amp-npz", robot)
         file = np.load(other)
         assert set(file.files) == set(amp()) and file["fps"] == 60
         assert tuple(file["dof_names"]) == DEPTH_FIRST

@@ -20,7 +20,6 @@ from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.motion_files import (
     read_motion,
     read_motions,
-    write_motion,
     write_motions,
 )
 from crar_drake.references.robot_motion import RobotMotion
@@ -102,7 +101,7 @@ def same_turns(a: np.ndarray, b: np.ndarray, tolerance: float) -> bool:
     ],
 )
 def test_npz_is_written(tmp_path: Path, robot, layout: str, order, links):
-    write_motion(tmp_path / "a.npz", motion(), layout, robot)
+    write_motions(tmp_path / "a.npz", [motion()], layout, robot)
     file = np.load(tmp_path / "a.npz")
     exact = layout == "holosoma-npz"
     tolerance = 1e-9 if exact else 1e-6
@@ -127,7 +126,7 @@ def test_npz_is_written(tmp_path: Path, robot, layout: str, order, links):
 
 
 def test_gmr_is_written(tmp_path: Path, robot):
-    write_motion(tmp_path / "a.pkl", motion(), "gmr-pkl", robot)
+    write_motions(tmp_path / "a.pkl", [motion()], "gmr-pkl", robot)
     held = pickle.loads((tmp_path / "a.pkl").read_bytes())
     assert held["fps"] == 40 and np.array_equal(held["root_pos"], P)
     assert np.array_equal(held["root_rot"], xyzw(Q))
@@ -135,7 +134,7 @@ def test_gmr_is_written(tmp_path: Path, robot):
     assert held["link_body_list"] == list(LINKS)
     local = [[link_poses(q)[link][0] for link in LINKS] for q in JOINTS]
     np.testing.assert_allclose(held["local_body_pos"], local, atol=1e-6)
-    write_motion(tmp_path / "a.pkl", motion(), "gmr-pkl")
+    write_motions(tmp_path / "a.pkl", [motion()], "gmr-pkl")
     held = pickle.loads((tmp_path / "a.pkl").read_bytes())
     assert held["local_body_pos"] is None and held["link_body_list"] is None
 
@@ -288,14 +287,14 @@ def test_clips_of_motion_lib_are_read(tmp_path: Path):
 def test_a_file_that_was_read_is_written_as_it_was(tmp_path: Path, robot, layout: str):
     suffix = LAYOUTS[layout].suffix
     first, second = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"
-    write_motion(first, motion(clip="x"), layout, robot)
+    write_motions(first, [motion(clip="x")], layout, robot)
     for reading in ({"robot": robot}, {"layout": layout}):
         # A table is sure of its order, or its height, only where it is told.
         if layout.endswith(("csv", "npy")):
             reading["layout"] = layout
         read = read_motion(first, **reading)
         assert read.is_as_read and read.layout == layout
-        write_motion(second, read, layout, reading.get("robot"))
+        write_motions(second, [read], layout, reading.get("robot"))
         if suffix != ".pkl":
             assert first.read_bytes() == second.read_bytes()
             continue
@@ -315,7 +314,7 @@ def test_no_layout_loses_a_number(tmp_path: Path, robot, layout: str):
     p, Q32, q = (x.astype(np.float32).astype(float) for x in (P, Q, JOINTS))
     given = RobotMotion(DEPTH_FIRST, p, Q32, q, 30.0)
     file = tmp_path / f"a{LAYOUTS[layout].suffix}"
-    write_motion(file, given, layout, robot)
+    write_motions(file, [given], layout, robot)
     read = read_motion(file, layout=layout, rate=30.0, robot=robot)
     assert read.joint_names == DEPTH_FIRST and read.rate == 30.0
     assert np.array_equal(read.root_positions, p)
@@ -324,23 +323,23 @@ def test_no_layout_loses_a_number(tmp_path: Path, robot, layout: str):
 
 
 def test_what_follows_from_a_motion_is_not_kept_when_it_changes(tmp_path: Path, robot):
-    write_motion(tmp_path / "a.npz", motion(), "mjlab-npz", robot)
+    write_motions(tmp_path / "a.npz", [motion()], "mjlab-npz", robot)
     read = read_motion(tmp_path / "a.npz", robot=robot)
     changed = replace(read, joint_positions=read.joint_positions + 0.1)
     assert not changed.is_as_read
-    write_motion(tmp_path / "b.npz", changed, "mjlab-npz", robot)
+    write_motions(tmp_path / "b.npz", [changed], "mjlab-npz", robot)
     a, b = np.load(tmp_path / "a.npz"), np.load(tmp_path / "b.npz")
     assert np.abs(a["body_pos_w"] - b["body_pos_w"]).max() > 0.01
     with pytest.raises(MotionError, match="--robot"):
-        write_motion(tmp_path / "c.npz", changed, "mjlab-npz")
+        write_motions(tmp_path / "c.npz", [changed], "mjlab-npz")
     assert not (tmp_path / "c.npz").exists()
 
 
 def test_orders_are_not_mixed_without_a_robot(tmp_path: Path, robot):
-    write_motion(tmp_path / "a.npz", motion(), "beyondmimic-npz", robot)
+    write_motions(tmp_path / "a.npz", [motion()], "beyondmimic-npz", robot)
     read = read_motion(tmp_path / "a.npz", layout="beyondmimic-npz")
     with pytest.raises(MotionError, match="another order in xyzw-csv"):
-        write_motion(tmp_path / "a.csv", read, "xyzw-csv")
+        write_motions(tmp_path / "a.csv", [read], "xyzw-csv")
 
 
 def test_the_guide_has_the_table(repository: Path = Path(__file__).parents[2]):

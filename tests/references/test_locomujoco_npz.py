@@ -13,7 +13,6 @@ from crar_drake.motion.robots_own import holds_reference
 from crar_drake.references.motion_files import (
     read_motion,
     read_motions,
-    write_motion,
     write_motions,
 )
 from crar_drake.references.robot_motion import RobotMotion
@@ -55,7 +54,7 @@ def test_trajectories_are_read_and_written(tmp_path: Path) -> None:
     assert set(given) - set(file.files) == {"metadata", "xpos"}
     # A changed one gets velocities of its own.
     changed = replace(one, joint_positions=3 * JOINTS)
-    write_motion(tmp_path / "b.npz", changed, "locomujoco-npz", robot)
+    write_motions(tmp_path / "b.npz", [changed], "locomujoco-npz", robot)
     file = np.load(tmp_path / "b.npz")
     assert np.array_equal(file["split_points"], [0, T])
     qdot = 3 * np.gradient(JOINTS, 0.01, axis=0)
@@ -70,7 +69,7 @@ def test_trajectories_are_read_and_written(tmp_path: Path) -> None:
 
 def test_one_trajectory_of_other_makers(tmp_path: Path) -> None:
     motion = RobotMotion(BREADTH_FIRST, P, Q, JOINTS, 50.0)
-    write_motion(tmp_path / "a.npz", motion, "locomujoco-npz")
+    write_motions(tmp_path / "a.npz", [motion], "locomujoco-npz")
     read = read_motion(tmp_path / "a.npz")
     assert read.joint_names == BREADTH_FIRST and read.clip == "" and read.rate == 50.0
     with pytest.raises(MotionError, match="same joints and rate"):
@@ -78,8 +77,8 @@ def test_one_trajectory_of_other_makers(tmp_path: Path) -> None:
             tmp_path / "a.npz", (motion, replace(motion, rate=1.0)), "locomujoco-npz"
         )
     with pytest.raises(MotionError, match="--robot"):
-        write_motion(
-            tmp_path / "a.npz", replace(motion, joint_names=()), "locomujoco-npz"
+        write_motions(
+            tmp_path / "a.npz", [replace(motion, joint_names=())], "locomujoco-npz"
         )
 
 

@@ -13,7 +13,7 @@ from small_humanoid import crouching, humanoid
 
 from crar_drake.errors import MotionError
 from crar_drake.references.layouts import LAYOUTS
-from crar_drake.references.motion_files import read_motion, read_motions, write_motion
+from crar_drake.references.motion_files import read_motion, read_motions, write_motions
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 
@@ -240,7 +240,7 @@ def test_what_is_written_is_read_without_its_certificate(
     layout: str, robot: WholeBody, tmp_path: Path
 ):
     path, given = tmp_path / f"a{LAYOUTS[layout].suffix}", motion(robot)
-    write_motion(path, given, layout, robot)
+    write_motions(path, [given], layout, robot)
     room = LAYOUTS[layout].names or layout in ("named-csv", "joints-csv")
     assert bool(read_motion(path).joint_names) == bool(room)
     assert same(read_motion(path, robot=robot), given)
@@ -257,7 +257,7 @@ def test_what_is_written_is_read_without_its_certificate(
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_near_relatives(layout: str, kind: str, robot: WholeBody, tmp_path: Path):
     path, given = tmp_path / f"a{LAYOUTS[layout].suffix}", motion(robot)
-    write_motion(path, given, layout, robot)
+    write_motions(path, [given], layout, robot)
     file = File(path)
     unnamed(file, layout)
     if not misread(kind, file, layout, robot):
@@ -350,7 +350,7 @@ def test_poses_of_objects_are_no_joints(robot, tmp_path: Path):
     read = read_motion(tmp_path / "a.npz", robot=robot)
     assert read.layout == "omniretarget-npz" and same(read, motion(robot))
     assert "poses of objects" in read.guesses[0]
-    write_motion(tmp_path / "b.npz", read, "omniretarget-npz", robot)
+    write_motions(tmp_path / "b.npz", [read], "omniretarget-npz", robot)
     assert np.array_equal(np.load(tmp_path / "b.npz")["qpos"], held["qpos"])
 
 

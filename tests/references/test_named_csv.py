@@ -9,7 +9,7 @@ from small_biped import BREADTH_FIRST, DEPTH_FIRST, moving_samples, whole_biped
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.robots_own import holds_reference
-from crar_drake.references.motion_files import read_motion, write_motion
+from crar_drake.references.motion_files import read_motion, write_motions
 from crar_drake.references.robot_motion import RobotMotion
 
 P, Q, JOINTS = moving_samples()
@@ -52,7 +52,7 @@ def test_it_is_read(tmp_path: Path) -> None:
 
 def test_it_is_written(tmp_path: Path) -> None:
     motion = RobotMotion(DEPTH_FIRST, P, Q, JOINTS, 120.0)
-    write_motion(tmp_path / "a.csv", motion, "named-csv")
+    write_motions(tmp_path / "a.csv", [motion], "named-csv")
     table = np.loadtxt(tmp_path / "a.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(table[:, 1:4], 100.0 * P)
     np.testing.assert_allclose(table[:, 7:], np.degrees(JOINTS), atol=1e-12)
@@ -63,8 +63,8 @@ def test_it_is_written(tmp_path: Path) -> None:
             about(2, z) @ about(1, y) @ about(0, x), R[k], atol=1e-12
         )
     with pytest.raises(MotionError, match="--robot"):
-        write_motion(
-            tmp_path / "a.csv", RobotMotion((), P, Q, JOINTS, 1.0), "named-csv"
+        write_motions(
+            tmp_path / "a.csv", [RobotMotion((), P, Q, JOINTS, 1.0)], "named-csv"
         )
 
 
@@ -74,7 +74,7 @@ def test_an_unchanged_one_comes_back_in_the_robots_order(tmp_path: Path) -> None
     path = write(tmp_path / "a.csv", BREADTH_FIRST, rows)
     read = read_motion(path, robot=robot)
     assert read.is_as_read and read.joint_names == DEPTH_FIRST
-    write_motion(tmp_path / "b.csv", read, "named-csv", robot)
+    write_motions(tmp_path / "b.csv", [read], "named-csv", robot)
     again = np.loadtxt(tmp_path / "b.csv", delimiter=",", skiprows=1)[:, 1:]
     order = [BREADTH_FIRST.index(name) for name in DEPTH_FIRST]
     assert np.array_equal(again, rows[:, [*range(6), *(6 + i for i in order)]])

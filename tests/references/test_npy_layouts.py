@@ -9,7 +9,7 @@ from small_biped import moving_samples
 from crar_drake.errors import MotionError
 from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.robots_own import holds_reference
-from crar_drake.references.motion_files import read_motion, write_motion
+from crar_drake.references.motion_files import read_motion, write_motions
 from crar_drake.references.robot_motion import RobotMotion
 
 P, Q, JOINTS = moving_samples()
@@ -30,7 +30,7 @@ def test_phuma_is_read(tmp_path: Path) -> None:
     assert np.array_equal(read.root_positions, P)
     assert np.array_equal(read.root_quaternions, Q)
     assert np.array_equal(read.joint_positions, JOINTS)
-    write_motion(tmp_path / "b.npy", read, "phuma-npy")
+    write_motions(tmp_path / "b.npy", [read], "phuma-npy")
     held = np.load(tmp_path / "b.npy", allow_pickle=True).item()
     for key, value in phuma().items():
         assert np.array_equal(held[key], value)
@@ -46,7 +46,7 @@ def test_the_g1s_table_is_read(tmp_path: Path) -> None:
     assert "0.793 m" in read.guesses[0]
     changed = RobotMotion((), P, Q, np.zeros((len(P), 29)), 30.0)
     for motion, tolerance in ((read, 0.0), (changed, 1e-12)):
-        write_motion(tmp_path / "b.npy", motion, "amass-npy")
+        write_motions(tmp_path / "b.npy", [motion], "amass-npy")
         np.testing.assert_allclose(np.load(tmp_path / "b.npy"), table, atol=tolerance)
     # Of another robot nothing is added, and without a rate in the name one is guessed.
     np.save(tmp_path / "c.npy", np.hstack([P, XYZW, JOINTS]).astype(np.float32))

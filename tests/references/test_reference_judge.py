@@ -19,7 +19,7 @@ from small_biped import (
 )
 
 from crar_drake.commands import main
-from crar_drake.references.motion_files import write_motion
+from crar_drake.references.motion_files import write_motions
 from crar_drake.references.reference_judge import ReferenceJudge, Tolerances
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.verdict_report import verdict_lines
@@ -237,8 +237,8 @@ def files(tmp_path: Path) -> Path:
     folder.mkdir()
     robot = whole_biped(tmp_path / "biped")
     still = motion(np.zeros((12, 5)))
-    write_motion(folder / "clean.csv", still, "wxyz-csv")
-    write_motion(folder / "bad.pkl", motion(crossing()[0]), "gmr-pkl", robot)
+    write_motions(folder / "clean.csv", [still], "wxyz-csv")
+    write_motions(folder / "bad.pkl", [motion(crossing()[0])], "gmr-pkl", robot)
     (folder / "cut.npz").write_bytes(b"PK\x03\x04")
     return folder
 

@@ -9,7 +9,7 @@ from small_biped import DEPTH_FIRST, biped, moving_samples, whole_biped
 
 from crar_drake.commands import main
 from crar_drake.errors import MotionError
-from crar_drake.references.motion_files import read_motion, write_motion
+from crar_drake.references.motion_files import read_motion, write_motions
 from crar_drake.references.resampling import resampled, retimed
 from crar_drake.references.robot_motion import RobotMotion
 
@@ -108,7 +108,7 @@ def test_a_motion_slows_down_where_a_joint_is_too_fast_and_nowhere_else():
 def test_convert(tmp_path: Path, capsys):
     p, Q, q = moving_samples(31)
     source, out = tmp_path / "a.csv", tmp_path / "b.npz"
-    write_motion(source, RobotMotion(DEPTH_FIRST, p, Q, q, 30.0), "wxyz-csv")
+    write_motions(source, [RobotMotion(DEPTH_FIRST, p, Q, q, 30.0)], "wxyz-csv")
     robot = str(biped(tmp_path / "biped"))
     given = ["convert", str(source), str(out), "--robot", robot]
     assert main([*given, "--to", "beyondmimic-npz", "--rate", "50"]) == 0
@@ -133,7 +133,7 @@ def test_convert(tmp_path: Path, capsys):
 def test_motion_tells_what_was_guessed(tmp_path: Path, capsys):
     p, Q, q = moving_samples(31)
     source, plot = tmp_path / "a.csv", tmp_path / "a.png"
-    write_motion(source, RobotMotion(DEPTH_FIRST, p, Q, q, 30.0), "xyzw-csv")
+    write_motions(source, [RobotMotion(DEPTH_FIRST, p, Q, q, 30.0)], "xyzw-csv")
     assert main(["show", str(source), "--out", str(plot)]) == 0
     told = capsys.readouterr().out
     for text in (

@@ -15,7 +15,7 @@ from small_biped import (
 )
 
 from crar_drake.errors import MotionError
-from crar_drake.references.motion_files import read_motion, write_motion
+from crar_drake.references.motion_files import read_motion, write_motions
 from crar_drake.references.robot_match import matched
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
@@ -57,7 +57,7 @@ def test_other_names_are_refused(robot):
 
 
 def test_links_decide_against_a_wrong_layout(tmp_path: Path, robot):
-    write_motion(tmp_path / "a.npz", named(DEPTH_FIRST), "beyondmimic-npz", robot)
+    write_motions(tmp_path / "a.npz", [named(DEPTH_FIRST)], "beyondmimic-npz", robot)
     held = np.load(tmp_path / "a.npz")
     unnamed = [key for key in held.files if not key.endswith("names")]
     np.savez(tmp_path / "a.npz", **{key: held[key] for key in unnamed})
@@ -95,7 +95,7 @@ def test_a_motion_without_the_wrists_has_them_still(tmp_path: Path):
         rest = found.joint_positions[:, [0, 2, 3, 4]]
         assert np.array_equal(rest, q[:, ::-1] if names else q)
         assert "biped's without its 1 of the wrists" in found.guesses[0]
-        write_motion(tmp_path / "b.pkl", found, "motion-lib-pkl", robot)
+        write_motions(tmp_path / "b.pkl", [found], "motion-lib-pkl", robot)
         again = pickle.loads((tmp_path / "b.pkl").read_bytes())
         assert again["dof"].shape == (len(q), 5) and again["pose_aa"].shape[1] == 6
     # Turns about other axes are those of other joints.

@@ -142,6 +142,11 @@ def _is_whole(value: object) -> bool:
     return not isinstance(value, float) and _is_number(value)
 
 
+def _are_two_texts(value: object) -> bool:
+    texts = isinstance(value, list) and all(isinstance(text, str) for text in value)
+    return texts and len(value) == 2
+
+
 # What it is to be: a test, and its words.
 _TEXT = (lambda value: isinstance(value, str), "no text")
 _NUMBER = (_is_number, "no number")
@@ -151,15 +156,7 @@ _RATE_IF_ANY = (lambda value: value is None or _RATE[0](value), "no rate")
 _LAYOUT = (lambda value: isinstance(value, str) and value in LAYOUTS, "no layout")
 _OBJECT = (lambda value: isinstance(value, dict), "no object")
 _PAIR, _FAULT = (
-    (
-        lambda value: (
-            isinstance(value, list)
-            and len(value) == 2
-            and all(isinstance(text, str) for text in value)
-        ),
-        what,
-    )
-    for what in ("no pair of links", "no fault and where it is")
+    (_are_two_texts, what) for what in ("no pair of links", "no fault and where it is")
 )
 _OF_MESHES = {"at_frames": [_NUMBER], "on_ways": [_NUMBER]}
 _MESHES = (

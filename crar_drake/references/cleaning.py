@@ -98,8 +98,7 @@ class Cleaner:
             limits, whatever share may be used.
         meshes: of its links, which are parted, or None,
         by_shapes: and the keeper of pairs of which they do not decide.
-        feet, hands: task frames that are kept,
-        frames: and both.
+        feet, hands: task frames that are kept.
         rate: frames per second [Hz].
     """
 
@@ -143,8 +142,7 @@ class Cleaner:
                 f"robot {description.name} has no task_frames {' and '.join(HANDS)} to "
                 "keep; add them to its robot.yaml, or leave out --hands"
             )
-        self.frames = self.feet + self.hands
-        kept = [Task(frame=frame, kind="pose") for frame in self.frames]
+        kept = [Task(frame=frame, kind="pose") for frame in self.feet + self.hands]
         other = [Task(frame=next(iter(known), "world"))]
         p = self.parameters
         model = ControlModel.FromDescription(description, kept or other)

@@ -174,11 +174,8 @@ def _that_stands(readings: Sequence[Reading], robot: WholeBody | None) -> str:
                 least = costs.get(reading.order, np.inf)
                 costs[reading.order] = min(standing.cost, least)
     best = min(costs, key=costs.get, default="")
-    return (
-        best
-        if all(costs[best] < c - 1.0 for o, c in costs.items() if o != best)
-        else ""
-    )
+    clear = all(costs[best] < c - 1.0 for o, c in costs.items() if o != best)
+    return best if clear else ""
 
 
 def guess_quaternion_order(read: dict[str, RobotMotion]) -> tuple[str, str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import html
 import math
 import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,6 +54,9 @@ document.querySelectorAll("th").forEach((head, i) => head.onclick = () => {
 """
 
 
+_STATES = ("failed", "violated", "ok")  # the worst first
+
+
 @dataclass(frozen=True)
 class Figure:
     """A column of numbers."""
@@ -75,7 +79,7 @@ class PageRow:
 
     @property
     def state(self) -> str:
-        """failed, violated, or ok."""
+        """One of `_STATES`."""
         if self.clip is None:
             return "failed"
         return "violated" if self.clip.violated else "ok"
@@ -102,11 +106,8 @@ def write_folder_page(
         WriteError: it cannot be written.
     """
     rows = sorted(rows, key=lambda row: _rank(row, figures[0]))
-    counts = {
-        state: sum(row.state == state for row in rows)
-        for state in ("failed", "violated", "ok")
-    }
-    said = ", ".join(f"{count} {state}" for state, count in counts.items())
+    counts = Counter(row.state for row in rows)
+    said = ", ".join(f"{counts[state]} {state}" for state in _STATES)
     heads = "".join(
         f"<th{kind}>{html.escape(text)}</th>"
         for text, kind in (
@@ -130,8 +131,7 @@ def write_folder_page(
 
 def _rank(row: PageRow, first: Figure) -> tuple[int, float]:
     worst = math.nan if row.clip is None else first.value(row.clip)
-    state = ("failed", "violated", "ok").index(row.state)
-    return state, -worst if math.isfinite(worst) else math.inf
+    return _STATES.index(row.state), -worst if math.isfinite(worst) else math.inf
 
 
 def _line(row: PageRow, figures: Sequence[Figure], folder: Path) -> str:

@@ -282,16 +282,14 @@ def _columns(record: type) -> dict[str, Callable[[str], Any]]:
 def _write_table(
     table: Path, folder: Path, record: type, files: Mapping[Path, FileResult]
 ) -> None:
-    names = list(_columns(record))
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([*_FIRST_COLUMNS, *names])
+    stream, names = io.StringIO(), [*_FIRST_COLUMNS, *_columns(record)]
+    writer = csv.DictWriter(stream, names, lineterminator="\n")
+    writer.writeheader()
     for path in sorted(files):
-        name, result = path.relative_to(folder), files[path]
+        row, result = {"file": path.relative_to(folder)}, files[path]
         if result.error:
-            writer.writerow([name, "", result.error, *("" for _ in names)])
-        for clip in result.clips:
-            writer.writerow([name, clip.clip, "", *(getattr(clip, n) for n in names)])
+            writer.writerow(row | {"error": result.error})
+        writer.writerows(row | asdict(clip) for clip in result.clips)
     with whole_file(table) as temporary:
         temporary.write_text(stream.getvalue(), "utf-8", _ANY_NAME)
 

@@ -330,30 +330,18 @@ def likeness(
         targets: what the person asks of it, at the motion's frames.
         motion: the robot's.
     """
-    names = motion.joint_names
-    q = motion.joint_positions[
-        :, [names.index(x) for x in retargeter.model.joint_names]
-    ]
-    ends = [LIMBS[limb][1] for limb in targets.directions]
-    ways = dict(
-        zip(
-            targets.directions,
-            retargeter.ways(
-                motion.root_positions, motion.root_rotations.as_matrix(), q, ends
-            ),
-            strict=True,
-        )
-    )
-    off = {
-        limb: angles_between(ways[limb], way)
-        for limb, way in targets.directions.items()
-    }
+    names, persons = motion.joint_names, targets.directions
+    columns = [names.index(name) for name in retargeter.model.joint_names]
+    p_WR, R_WR = motion.root_positions, motion.root_rotations.as_matrix()
+    ends = [LIMBS[limb][1] for limb in persons]
+    ways = retargeter.ways(p_WR, R_WR, motion.joint_positions[:, columns], ends)
+    robots = dict(zip(persons, ways, strict=True))
+    off = {limb: angles_between(robots[limb], way) for limb, way in persons.items()}
     knees = {}
     for side in SIDES:
         pair = f"{side}_hip-knee", f"{side}_knee-ankle"
-        of_robot, of_person = (
-            angles_between(*(of[limb] for limb in pair))
-            for of in (ways, targets.directions)
+        bent, persons_bent = (
+            angles_between(*(of[limb] for limb in pair)) for of in (robots, persons)
         )
-        knees[side] = of_robot - of_person
+        knees[side] = bent - persons_bent
     return off, knees

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crar_drake.errors import MotionError
+from crar_drake.errors import MotionError, few
 from crar_drake.references.held_values import texts
 from crar_drake.references.layout_reader import ORDER_UNKNOWN
 from crar_drake.references.layouts import LAYOUTS
@@ -95,8 +95,7 @@ def reordered(motion: RobotMotion, joint_names: tuple[str, ...]) -> RobotMotion:
         raise MotionError(
             f"{motion.source}: its joints are of another robot: "
             + "; ".join(
-                f"{what} {', '.join(names[:4])}"
-                + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+                f"{what} {few(names, 4)}"
                 for what, names in (("it lacks", missing), ("it has", unknown))
                 if names
             )

@@ -125,13 +125,8 @@ class MeshJudge:
         Args:
             q: (nq,) positions of the plant.
         """
-        poses = self._poses(q)
-        return np.array(
-            [
-                self._signed(row, self._motion(poses, row))
-                for row in range(len(self._indices))
-            ]
-        )
+        poses, rows = self._poses(q), range(len(self._indices))
+        return np.array([self._signed(k, self._motion(poses, k)) for k in rows])
 
     def judge(self, q_trajectory: np.ndarray, every: int = 1) -> MeshVerdict:
         """Judges each, or every so many, of the samples of a (T, nq) trajectory [rad or

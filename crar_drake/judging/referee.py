@@ -47,16 +47,13 @@ class Violations:
     num_violated: int  # samples with either
     smallest_distance: float  # over all pairs and samples [m]; infinite without pairs
     smallest_distance_pair: tuple[str, str] | None  # None without pairs
-    smallest_distance_index: int | None  # the first sample where it is reached
     largest_limit_excess: float  # over all joints and samples [rad or m]; 0 if none
     largest_limit_excess_joint: str | None  # that joint; None if no joint is outside
-    largest_limit_excess_index: int | None  # the first sample where it is reached
     # samples with any joint faster than its limit by more than 1e-6 rad/s (or m/s);
     # None where no velocities were given
     num_beyond_speed: int | None = None
     largest_speed_excess: float = 0.0  # [rad/s or m/s]; 0 if none
     largest_speed_excess_joint: str | None = None  # None if none is too fast
-    largest_speed_excess_index: int | None = None  # the first sample with it
 
 
 class Referee:
@@ -109,13 +106,14 @@ class Referee:
         self.pairs = tuple((str(a), str(b)) for a, b in pairs)
         self.lower = plant.GetPositionLowerLimits()
         self.upper = plant.GetPositionUpperLimits()
-        joint_names = [""] * plant.num_positions()
-        for index in plant.GetJointIndices():
-            joint = plant.get_joint(index)
-            for i in range(joint.num_positions()):
-                joint_names[joint.position_start() + i] = joint.name()
-        self.joint_names = tuple(joint_names)
-        self._set_speeds(velocity_limits)
+        of_q, of_v = [""] * plant.num_positions(), [""] * plant.num_velocities()
+        for joint in map(plant.get_joint, plant.GetJointIndices()):
+            q, nq = joint.position_start(), joint.num_positions()
+            v, nv = joint.velocity_start(), joint.num_velocities()
+            of_q[q : q + nq] = [joint.name()] * nq
+            of_v[v : v + nv] = [joint.name()] * nv
+        self.joint_names, self.velocity_names = tuple(of_q), tuple(of_v)
+        self.slowest, self.fastest = _speed_limits(plant, velocity_limits)
 
         inspector = scene_graph.model_inspector()
         shapes: dict[str, list[int]] = {}
@@ -235,14 +233,14 @@ class Referee:
         excess = self.limit_excess(q_trajectory)
         num_limits = np.sum(excess > LIMIT_TOLERANCE, axis=1)
         num_penetrating_pairs = np.zeros(len(q_trajectory), dtype=int)
-        smallest_distance, pair, pair_index = math.inf, None, None
+        smallest_distance, pair = math.inf, None
         for index, q in enumerate(q_trajectory):
             # Only what may be in contact, or the smallest so far, is worth a look.
             near = self.distances_below(q, max(smallest_distance, 0.0))
             num_penetrating_pairs[index] = sum(d < 0.0 for d in near.values())
             for column, d in near.items():
                 if d < smallest_distance:
-                    smallest_distance, pair, pair_index = d, self.pairs[column], index
+                    smallest_distance, pair = d, self.pairs[column]
         count = num_penetrating_pairs + num_limits
 
         return Violations(
@@ -253,36 +251,9 @@ class Referee:
             num_violated=int(np.sum(count > 0)),
             smallest_distance=float(smallest_distance),
             smallest_distance_pair=pair,
-            smallest_distance_index=pair_index,
             **_largest("limit", excess, self.joint_names),
             **({} if v_trajectory is None else self._speeds(v_trajectory, len(count))),
         )
-
-    def _set_speeds(self, velocity_limits: np.ndarray | None) -> None:
-        plant = self.plant
-        names = [""] * plant.num_velocities()
-        self.slowest = np.full(len(names), -np.inf)
-        self.fastest = np.full(len(names), np.inf)
-        for index in plant.GetJointIndices():
-            joint = plant.get_joint(index)
-            limits = zip(
-                joint.velocity_lower_limits(),
-                joint.velocity_upper_limits(),
-                strict=True,
-            )
-            for i, (slowest, fastest) in enumerate(limits, joint.velocity_start()):
-                names[i] = joint.name()
-                if slowest != 0.0 and fastest != 0.0:
-                    self.slowest[i], self.fastest[i] = slowest, fastest
-        self.velocity_names = tuple(names)
-        if velocity_limits is not None:
-            limits = np.asarray(velocity_limits, dtype=float)
-            if limits.shape != self.fastest.shape or np.isnan(limits).any():
-                raise ValueError(
-                    f"velocity_limits must be {self.fastest.shape} without NaN, not "
-                    f"{limits}"
-                )
-            self.slowest, self.fastest = -limits, limits.copy()
 
     def _speeds(self, v_trajectory: np.ndarray, num_samples: int) -> dict:
         """The fields of `Violations` that tell of speeds."""
@@ -343,6 +314,22 @@ class Referee:
         return found
 
 
+def _speed_limits(
+    plant: MultibodyPlant, given: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """(nv,) the least and the largest velocities, see `Referee`."""
+    slowest, fastest = plant.GetVelocityLowerLimits(), plant.GetVelocityUpperLimits()
+    if given is None:
+        stated = (slowest != 0.0) & (fastest != 0.0)
+        return np.where(stated, slowest, -np.inf), np.where(stated, fastest, np.inf)
+    limits = np.array(given, dtype=float)
+    if limits.shape != fastest.shape or np.isnan(limits).any():
+        raise ValueError(
+            f"velocity_limits must be {fastest.shape} without NaN, not {limits}"
+        )
+    return -limits, limits
+
+
 def _checked(
     values: np.ndarray, what: str, kind: str, names: Sequence[str]
 ) -> np.ndarray:
@@ -363,15 +350,10 @@ def _checked(
 
 def _largest(what: str, excess: np.ndarray, names: Sequence[str]) -> dict:
     """The fields of `Violations` with the largest of (T, N) excesses, if any is."""
-    if not np.any(excess > 0.0):
-        return {f"largest_{what}_excess": 0.0} | dict.fromkeys(
-            [f"largest_{what}_excess_joint", f"largest_{what}_excess_index"]
-        )
-    index, column = map(int, np.unravel_index(np.argmax(excess), excess.shape))
+    joint = names[excess.argmax() % len(names)] if excess.any() else None
     return {
-        f"largest_{what}_excess": float(excess[index, column]),
-        f"largest_{what}_excess_joint": names[column],
-        f"largest_{what}_excess_index": index,
+        f"largest_{what}_excess": float(excess.max(initial=0.0)),
+        f"largest_{what}_excess_joint": joint,
     }
 
 

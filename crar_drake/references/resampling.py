@@ -100,12 +100,7 @@ def retimed(
         was = factors.copy()
         for step in (old, np.minimum(old + 1, len(factors) - 1)):
             np.maximum.at(factors, step, was[step] * share / _SLOWED_TO)
-    nearest = np.rint(at).astype(int)
-    extras = {
-        key: value[nearest] if has_rows(value, motion.num_frames) else value
-        for key, value in motion.extras.items()
-    }
-    return replace(made, extras=extras)
+    return replace(made, extras=motion.frames(np.rint(at).astype(int)).extras)
 
 
 def _at(motion: RobotMotion, times: np.ndarray) -> RobotMotion:

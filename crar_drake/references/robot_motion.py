@@ -125,7 +125,7 @@ class RobotMotion:
         """Whether samples, rate and order of joints are those of the file."""
         return self.fingerprint == _fingerprint(self)
 
-    def frames(self, some: slice) -> RobotMotion:
+    def frames(self, some: slice | np.ndarray) -> RobotMotion:
         """The motion in some frames alone; what the file had for each with them."""
         return replace(
             self,

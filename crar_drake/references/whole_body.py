@@ -46,7 +46,6 @@ class WholeBody:
             first, branches in the order of the model: the order of MuJoCo and of files
             without names.
         breadth_first: (n,) the same joints, breadth first: the order of Isaac Lab.
-        link_names: (1 + n,) the root, then the link that each joint moves.
         lower, upper: (n,) position limits [rad or m].
         speed_limits: (n,) largest speeds [rad/s or m/s], infinite where there is none.
     """
@@ -70,10 +69,6 @@ class WholeBody:
             )
         self.joint_names = tuple(joint.name() for joint in self._joints)
         self.breadth_first = self.order_without((), breadth_first=True)
-        self.link_names = (
-            self.root,
-            *(joint.child_body().name() for joint in self._joints),
-        )
         self._columns = np.array([joint.position_start() for joint in self._joints])
         self._v_columns = np.array([joint.velocity_start() for joint in self._joints])
         self.lower = self.plant.GetPositionLowerLimits()[self._columns]
@@ -87,7 +82,7 @@ class WholeBody:
 
     def links_of(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
         """(1 + n,) the root, then the link that each of the joints moves."""
-        links = dict(zip(self.joint_names, self.link_names[1:], strict=True))
+        links = {joint.name(): joint.child_body().name() for joint in self._joints}
         return (self.root, *(links[name] for name in joint_names))
 
     def links_at(self, frames: Sequence[str]) -> list[str]:

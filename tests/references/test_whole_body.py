@@ -23,14 +23,15 @@ def test_orders_root_limits_and_poses(tmp_path: Path, base: str):
     assert robot.root == "pelvis" and robot.n == 5
     assert robot.joint_names == DEPTH_FIRST
     assert robot.breadth_first == BREADTH_FIRST
-    assert robot.link_names[0] == "pelvis" and robot.link_names[2] == "left_shin"
+    links = robot.links_of(robot.joint_names)
+    assert links[0] == "pelvis" and links[2] == "left_shin"
     assert robot.links_of(("waist", "left_hip")) == ("pelvis", "trunk", "left_thigh")
     assert (robot.upper == LIMIT).all() and (robot.speed_limits == SPEED).all()
     _, _, q = moving_samples(4)
-    p, R = robot.poses_in_root(q, robot.link_names)
+    p, R = robot.poses_in_root(q, links)
     for t in range(4):
         by_hand = link_poses(q[t])
-        for i, link in enumerate(robot.link_names):
+        for i, link in enumerate(links):
             np.testing.assert_allclose(p[t, i], by_hand[link][0], atol=1e-12)
             np.testing.assert_allclose(
                 R[t, i], by_hand[link][1].as_matrix(), atol=1e-12

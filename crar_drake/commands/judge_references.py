@@ -161,8 +161,11 @@ def _write(judged: list[FileResult], robot: str, out: Path) -> None:
     import re
 
     from crar_drake.files import write_whole
-    from crar_drake.references.verdict_plot import plot_verdict
-    from crar_drake.references.verdict_report import name_of, verdict_data
+    from crar_drake.references.verdict_report import (
+        name_of,
+        plot_verdict,
+        verdict_data,
+    )
     from crar_drake.version import __version__
 
     data = {

@@ -61,7 +61,6 @@ class MeshVerdict:
 
     frames: np.ndarray  # (K,) numbers of the samples that were judged
     num_pairs: int  # that were judged
-    num_penetrating: int  # samples with a pair of meshes in penetration
     nearest: Nearest  # the smallest distance of meshes
     penetrations: list[PairContact]  # pairs whose meshes penetrate, the deepest first
     # pairs whose meshes meet in the zero and in the rest posture: they do as they are
@@ -70,6 +69,11 @@ class MeshVerdict:
     # links whose surface is not closed, so that what is inside of it is a matter of its
     # winding number
     open_links: list[str]
+
+    @property
+    def num_penetrating(self) -> int:
+        """Samples with a pair of meshes in penetration."""
+        return len({frame for each in self.penetrations for frame in each.frames})
 
 
 class MeshJudge:
@@ -101,7 +105,7 @@ class MeshJudge:
         as_built = np.ones(len(beyond), dtype=bool)
         for q in postures_as_built(self._plant, description):
             meet = np.zeros_like(as_built)
-            for _, row, motion in self._near(q, np.full(len(meet), HULL_MARGIN), {}):
+            for row, motion in self._near(q, np.full(len(meet), HULL_MARGIN), {}):
                 meet[row] = self._apart(row, motion) == 0.0
             as_built &= meet
         pairs = self.pairs
@@ -131,32 +135,25 @@ class MeshJudge:
     def judge(self, q_trajectory: np.ndarray, every: int = 1) -> MeshVerdict:
         """Judges each, or every so many, of the samples of a (T, nq) trajectory [rad or
         m]."""
-        frames = np.arange(0, len(q_trajectory), every)
-        pairs, known, num_penetrating = self.pairs, {}, 0
-        contacts: dict[int, PairContact] = {}
-        nearest = Nearest()
-        for frame in frames.tolist():
-            # What is beyond the nearest meshes so far is of no interest.
-            least = np.full(len(pairs), max(nearest.distance, 0.0))
-            near = list(self._near(q_trajectory[frame], least, known))
-            penetrating = False
-            for hulls, row, motion in sorted(near, key=lambda each: each[:2]):
-                if hulls > max(nearest.distance, 0.0):
-                    break
+        frames, pairs = np.arange(0, len(q_trajectory), every), self.pairs
+        nearest, contacts = Nearest(), {}
+        # What is beyond the nearest meshes so far is of no interest.
+        least = np.full(len(pairs), np.inf)
+        samples = ((q_trajectory[frame], least) for frame in frames)
+        for index, row, d in self.nearer(samples):
+            frame = int(frames[index])
+            if d == 0.0:
+                motion = self._motion(self._poses(q_trajectory[frame]), row)
                 d = self._signed(row, motion)
-                known[row] = motion, d
-                if d < nearest.distance:
-                    nearest = Nearest(float(d), pairs[row], frame)
-                if d < 0.0:
-                    penetrating = True
-                    contact = contacts.setdefault(row, PairContact(pairs[row]))
-                    contact.frames.append(frame)
-                    contact.depths.append(float(-d))
-            num_penetrating += penetrating
+                contact = contacts.setdefault(row, PairContact(pairs[row]))
+                contact.frames.append(frame)
+                contact.depths.append(float(-d))
+            if d < nearest.distance:
+                nearest = Nearest(float(d), pairs[row], frame)
+                least[:] = max(nearest.distance, 0.0)
         return MeshVerdict(
             frames=frames,
             num_pairs=len(pairs),
-            num_penetrating=num_penetrating,
             nearest=nearest,
             penetrations=sorted(contacts.values(), key=lambda each: -each.depth),
             left_out=self.left_out,
@@ -170,14 +167,15 @@ class MeshJudge:
 
         Args:
             samples: of each (nq,) the positions of the plant and (Nc,) what the pairs
-                are said to be apart at least, 0 where they may touch [m].
+                are said to be apart at least, 0 where they may touch [m]; that may be
+                lessened while they are looked at.
 
         Yields:
             The sample, the pair's index, and the distance [m], 0 in penetration.
         """
         known: dict[int, tuple[_Motion, float]] = {}
         for index, (q, least) in enumerate(samples):
-            for _, row, motion in self._near(q, least, known):
+            for row, motion in self._near(q, least, known):
                 d = self._apart(row, motion)
                 known[row] = motion, d
                 if d < least[row] or d == 0.0:
@@ -188,10 +186,10 @@ class MeshJudge:
         q: np.ndarray,
         least: np.ndarray,
         known: dict[int, tuple[_Motion, float]],
-    ) -> Iterator[tuple[float, int, _Motion]]:
-        """Yields the distance of hulls [m], the row, and the motion of those pairs that
-        nothing shows to be farther apart than (Nc,) `least` [m]: neither the balls
-        about them, nor how little they moved since they were measured, nor their hulls.
+    ) -> Iterator[tuple[int, _Motion]]:
+        """Yields the row and the motion of those pairs that nothing shows to be farther
+        apart than (Nc,) `least` [m]: neither the balls about them, nor how little they
+        moved since they were measured, nor their hulls.
 
         Args:
             known: row to where the pair was measured last, and its distance there [m];
@@ -214,7 +212,7 @@ class MeshJudge:
             hulls = self._hulls_apart(row, motion)
             known[row] = motion, hulls
             if hulls <= least[row]:
-                yield hulls, row, motion
+                yield row, motion
 
     def _poses(self, q: np.ndarray) -> list[RigidTransform]:
         """Of each link in the world."""

@@ -10,13 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from crar_drake.errors import MotionError
-from crar_drake.references.adjusting import (
-    Frames,
-    check_feet,
-    set_on_ground,
-    trimmed,
-)
+from crar_drake.errors import ModelError, MotionError
 from crar_drake.references.certificate_files import file_hash
 from crar_drake.references.change import (
     ANY_CHANGE,
@@ -30,6 +24,7 @@ from crar_drake.references.contacts import contacts_path
 from crar_drake.references.faults import find_faults, left_as_it_was
 from crar_drake.references.folder_page import Figure
 from crar_drake.references.folders import find_references
+from crar_drake.references.ground_contact import FEET, Outline
 from crar_drake.references.layouts import layout_named
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.pipeline import (
@@ -45,7 +40,12 @@ from crar_drake.references.pipeline import (
     in_words,
 )
 from crar_drake.references.resampling import retimed
-from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.robot_motion import (
+    Frames,
+    RobotMotion,
+    has_rows,
+    trimmed,
+)
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import (
     LIMIT_TOLERANCE,
@@ -55,6 +55,10 @@ from crar_drake.robot.description import (
 
 # A frame counts as changed if a joint is farther from the reference [rad or m].
 _CHANGED = 1e-6
+# A floor that is as near to z = 0 is there: what files round moves it by less [m].
+_ON_THE_GROUND = 1e-5
+# How keys of positions in the world end, such as those of an object.
+_IN_WORLD = "_pos_w"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,8 +194,12 @@ class FileCleaner(Pipeline):
         robot = WholeBody(load_robot_description(options.robot).without_ground())
         options.at_most.check(robot)
         super().__init__(options, robot)
-        if options.ground:
-            check_feet(self.outline, robot.description.name)
+        if options.ground and not self.outline.feet:
+            raise ModelError(
+                f"robot {robot.description.name}: no foot has a shape, so that nothing "
+                f"says where its floor is; add task_frames {' and '.join(FEET)} to its "
+                "robot.yaml, or leave --ground away"
+            )
 
     def solve(self, source: Path, progress: Progress | None) -> list[_Cleaned]:
         """See `Pipeline`."""
@@ -264,3 +272,34 @@ def _check_units(motion: RobotMotion, robot: WholeBody, first: int) -> None:
             f"in frame {first + frame}, its limits are {robot.lower[joint]:.2f} and "
             f"{robot.upper[joint]:.2f} [rad, m]: is the file in degrees or millimetres?"
         )
+
+
+def set_on_ground(motion: RobotMotion, outline: Outline) -> tuple[RobotMotion, float]:
+    """The motion with the floor of its feet at z = 0, and by how much it was raised
+    [m]; objects whose positions in the world the file has are raised with it.
+
+    Args:
+        motion: with its joints in the order of the robot.
+        outline: of the robot, with feet.
+    """
+    rise = -outline.ground_contact(motion).floor
+    if abs(rise) < _ON_THE_GROUND:
+        return motion, 0.0
+    up = np.array([0.0, 0.0, rise])
+    return replace(
+        motion,
+        root_positions=motion.root_positions + up,
+        extras={
+            key: _raised(value, up, motion.num_frames)
+            if key.endswith(_IN_WORLD)
+            else value
+            for key, value in motion.extras.items()
+        },
+        computed={},
+    ), rise
+
+
+def _raised(value: object, up: np.ndarray, frames: int) -> object:
+    if not has_rows(value, frames) or value.shape[-1] != 3:
+        return value
+    return (value + up).astype(value.dtype)

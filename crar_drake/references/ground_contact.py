@@ -74,6 +74,8 @@ class GroundContact:
 class Outline:
     """The robot's links as balls: vertices of hulls, or the ends of capsules.
 
+    Motions have their joints in the order of the robot.
+
     Attributes:
         links: that have a shape.
         feet: task frame to those of its links that have one; none without.
@@ -106,7 +108,6 @@ class Outline:
         """A motion against the ground.
 
         Args:
-            motion: with its joints in the order of the robot.
             floor: height at which feet stand [m]; by default where they are lowest.
         """
         if not self.links:
@@ -132,7 +133,6 @@ class Outline:
         [m].
 
         Args:
-            motion: with its joints in the order of the robot.
             planted: foot to (T,) whether it is on the floor.
         """
         slips = (longest_slip(self.sole(motion, f), planted[f]) for f in self.feet)
@@ -140,11 +140,7 @@ class Outline:
 
     def sole(self, motion: RobotMotion, foot: str) -> Iterator[np.ndarray]:
         """Yields (B, V, 3) the lowest points of a foot's or hand's balls, in the world
-        [m]; of each block of frames with the first one of the next.
-
-        Args:
-            motion: with its joints in the order of the robot.
-        """
+        [m]; of each block of frames with the first one of the next."""
         links = self.feet.get(foot) or self.hands[foot]
         outlines = [self._robot.outlines[link] for link in links]
         for p_WB, R_WB in self._blocks(motion, links, 1):
@@ -162,7 +158,6 @@ class Outline:
         of its feet: (T, H) 1 then, and less shortly before and after, else 0.
 
         Args:
-            motion: with its joints in the order of the robot.
             hands: task frames.
         """
         shares = np.zeros((motion.num_frames, len(hands)))

@@ -147,6 +147,29 @@ class RobotMotion:
         return MotionError(f"{self.source}: {text}" if self.source else text)
 
 
+# First and last frame, counted from 1, both included; None for the motion's last.
+Frames = tuple[int, int | None]
+
+
+def trimmed(motion: RobotMotion, frames: Frames) -> RobotMotion:
+    """The motion from one frame to another; what has a row for each frame with it.
+
+    A last frame beyond the motion's end is the motion's last.
+
+    Raises:
+        MotionError: the motion ends before the first frame.
+    """
+    first, last = frames
+    if first > motion.num_frames:
+        raise MotionError(
+            f"{motion.source}: has {motion.num_frames} frames, and is to be trimmed to "
+            f"those from {first} on; begin earlier"
+        )
+    if first == 1 and (last is None or last >= motion.num_frames):
+        return motion
+    return motion.frames(slice(first - 1, last))
+
+
 def has_rows(value: object, frames: int) -> bool:
     """Whether what a file has besides is an array of numbers, a row for each frame."""
     array = isinstance(value, np.ndarray) and value.ndim > 0

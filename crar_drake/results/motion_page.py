@@ -19,14 +19,13 @@ from crar_drake.errors import CrarError
 from crar_drake.judging.mesh_judge import PairContact
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.planted_feet import runs
-from crar_drake.references.adjusting import Frames, trimmed
 from crar_drake.references.change import rms
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.reference_judge import (
     ReferenceJudge,
     ReferenceVerdict,
 )
-from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.robot_motion import Frames, RobotMotion, trimmed
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results import marks
 from crar_drake.results.drawn_person import DrawnPerson

@@ -10,14 +10,13 @@ from small_walker import HEIGHT, walker
 
 from crar_drake.commands import main
 from crar_drake.errors import ModelError, MotionError
-from crar_drake.references.adjusting import set_on_ground, trimmed
 from crar_drake.references.certificate_files import certificate_path, read_certificate
 from crar_drake.references.change import AtMost
-from crar_drake.references.clean_file import clean_file
+from crar_drake.references.clean_file import clean_file, set_on_ground
 from crar_drake.references.ground_contact import Outline
 from crar_drake.references.motion_certificate import check_certificate
 from crar_drake.references.motion_files import write_motions
-from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.robot_motion import RobotMotion, trimmed
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 

@@ -269,11 +269,6 @@ def _one_holds_other(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> 
 
     Then each connected piece is inside or outside as a whole.
     """
-    X_BA = X_AB.inverse()
-    return a.has_inside(_moved(X_AB, b.one_vertex_each)) or b.has_inside(
-        _moved(X_BA, a.one_vertex_each)
-    )
-
-
-def _moved(X: RigidTransform, points: np.ndarray) -> np.ndarray:
-    return points @ X.rotation().matrix().T + X.translation()
+    if a.has_inside(X_AB.multiply(b.one_vertex_each.T).T):
+        return True
+    return b.has_inside(X_AB.inverse().multiply(a.one_vertex_each.T).T)

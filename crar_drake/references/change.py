@@ -67,9 +67,6 @@ class AtMost:
         return ", ".join(found)
 
 
-ANY_CHANGE = AtMost()
-
-
 def find_change(before: RobotMotion, after: RobotMotion, robot: WholeBody) -> Change:
     """From one motion to another of as many frames.
 

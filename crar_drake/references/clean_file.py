@@ -12,13 +12,7 @@ import numpy as np
 
 from crar_drake.errors import ModelError, MotionError
 from crar_drake.references.certificate_files import file_hash
-from crar_drake.references.change import (
-    ANY_CHANGE,
-    AtMost,
-    Change,
-    find_change,
-    find_frozen,
-)
+from crar_drake.references.change import AtMost, Change, find_change, find_frozen
 from crar_drake.references.cleaning import CleaningParameters
 from crar_drake.references.contacts import contacts_path
 from crar_drake.references.faults import find_faults, left_as_it_was
@@ -36,7 +30,6 @@ from crar_drake.references.pipeline import (
     Solved,
     WrittenClip,
     check_place,
-    count,
     in_words,
 )
 from crar_drake.references.resampling import retimed
@@ -95,7 +88,7 @@ class CleanOptions(Operation):
     retime: bool = False
     # how far they may change; one that changed by more is written as well, and another
     # `at_most` alone makes no file be cleaned again
-    at_most: AtMost = ANY_CHANGE
+    at_most: AtMost = AtMost()
 
     table: ClassVar = "cleaned.csv"
     record: ClassVar = CleanedClip
@@ -235,12 +228,12 @@ class FileCleaner(Pipeline):
         change = find_change(before, written, self.robot)
         more = asdict(change) | {
             "seconds": solved.seconds,
-            "penetrating_before": count(was.distance < 0.0),
-            "beyond_limit_before": count(was.limit < -LIMIT_TOLERANCE),
-            "too_fast_before": count(was.speed > 1.0 + SPEED_TOLERANCE),
+            "penetrating_before": np.count_nonzero(was.distance < 0.0),
+            "beyond_limit_before": np.count_nonzero(was.limit < -LIMIT_TOLERANCE),
+            "too_fast_before": np.count_nonzero(was.speed > 1.0 + SPEED_TOLERANCE),
             "nearest_before": float(was.distance.min()),
-            "changed": count(moved > _CHANGED),
-            "frozen": count(find_frozen(before, written)),
+            "changed": np.count_nonzero(moved > _CHANGED),
+            "frozen": np.count_nonzero(find_frozen(before, written)),
             "raised": solved.raised,
             "slowed": solved.slowed,
             "left": in_words(left),

@@ -274,6 +274,7 @@ class Pipeline(ABC):
             kept = cleaner.by_shapes.margins(q)
         excused = _unclear(now) & ~_unclear(kept)
         judged, p = self.judge(solved, written), cleaner.parameters
+        near = (kept.distance < p.floor) | (kept.between < p.floor_between)
         certified = certified_clip(
             *(written, now, meshes, excused, judged.faults, judged.left),
             self.robot.description.pairs,
@@ -282,13 +283,13 @@ class Pipeline(ABC):
             clip=written.clip,
             frames=written.num_frames,
             rate=written.rate,
-            penetrating=count(kept.distance < 0.0),
-            unclear=count(_unclear(kept)),
-            beyond_limit=count(now.limit < -LIMIT_TOLERANCE),
-            too_fast=count(now.speed > 1.0 + SPEED_TOLERANCE),
+            penetrating=np.count_nonzero(kept.distance < 0.0),
+            unclear=np.count_nonzero(_unclear(kept)),
+            beyond_limit=np.count_nonzero(now.limit < -LIMIT_TOLERANCE),
+            too_fast=np.count_nonzero(now.speed > 1.0 + SPEED_TOLERANCE),
             nearest=float(now.distance.min()),
             between=float(now.between.min()),
-            near=count((kept.distance < p.floor) | (kept.between < p.floor_between)),
+            near=np.count_nonzero(near),
             meshes_penetrating=-1 if meshes is None else meshes.num_touching,
             meshes_unclear=-1 if meshes is None else meshes.num_unclear,
             deepest=_deepest(kept, self.uncovered.by_shapes),
@@ -347,11 +348,6 @@ def check_place(out: Path, source: str | os.PathLike[str]) -> None:
 def in_words(faults: Iterable[Fault]) -> str:
     """Faults in a sentence; "" of none."""
     return "; ".join(map(str, faults))
-
-
-def count(frames: np.ndarray) -> int:
-    """How many of (T,) are set."""
-    return int(np.sum(frames))
 
 
 def _unclear(margins: Margins) -> np.ndarray:

@@ -50,12 +50,9 @@ def resampled(motion: RobotMotion, rate: float) -> tuple[RobotMotion, tuple[str,
     check_rate(rate)
     count = int(np.floor(motion.duration * rate + _ROUNDING)) + 1
     times = np.minimum(np.arange(count) / rate, motion.duration)
-    left_out = tuple(
-        key
-        for key, value in motion.extras.items()
-        if has_rows(value, motion.num_frames)
-    )
-    extras = {k: v for k, v in motion.extras.items() if k not in left_out}
+    besides, frames = motion.extras, motion.num_frames
+    left_out = tuple(key for key in besides if has_rows(besides[key], frames))
+    extras = {key: value for key, value in besides.items() if key not in left_out}
     return replace(_at(motion, times), rate=float(rate), extras=extras), left_out
 
 

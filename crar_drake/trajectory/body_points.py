@@ -33,15 +33,6 @@ def model_of_links(description: RobotDescription, links: Sequence[str]) -> Contr
     return ControlModel.FromDescription(bare, tasks)
 
 
-def skew(v: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) of the cross products v x."""
-    found = np.zeros((*v.shape, 3))
-    found[..., 0, 1], found[..., 0, 2] = -v[..., 2], v[..., 1]
-    found[..., 1, 0], found[..., 1, 2] = v[..., 2], -v[..., 0]
-    found[..., 2, 0], found[..., 2, 1] = -v[..., 1], v[..., 0]
-    return found
-
-
 def turn_jacobian(turn: np.ndarray) -> np.ndarray:
     """(K, 3, 3) J with omega = J d(turn): of the rotation exp(turn), in the world's
     axes (K. M. Lynch and F. C. Park, "Modern Robotics", Eq. 8.37 gives its use).
@@ -53,7 +44,8 @@ def turn_jacobian(turn: np.ndarray) -> np.ndarray:
     safe = np.where(angle > _SMALL, angle, 1.0)
     a = np.where(angle > _SMALL, (1.0 - np.cos(safe)) / safe**2, 0.5)
     b = np.where(angle > _SMALL, (safe - np.sin(safe)) / safe**3, 1.0 / 6.0)
-    of = skew(turn)
+    # Of the cross products turn x.
+    of = np.ascontiguousarray(np.cross(turn[:, None], np.eye(3)).swapaxes(1, 2))
     return np.eye(3) + a * of + b * of @ of
 
 

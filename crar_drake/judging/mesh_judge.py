@@ -130,7 +130,8 @@ class MeshJudge:
             q: (nq,) positions of the plant.
         """
         poses, rows = self._poses(q), range(len(self._indices))
-        return np.array([self._signed(k, self._motion(poses, k)) for k in rows])
+        found = (self._apart(k, self._motion(poses, k), mesh_distance) for k in rows)
+        return np.array(list(found))
 
     def judge(self, q_trajectory: np.ndarray, every: int = 1) -> MeshVerdict:
         """Judges each, or every so many, of the samples of a (T, nq) trajectory [rad or
@@ -144,7 +145,7 @@ class MeshJudge:
             frame = int(frames[index])
             if d == 0.0:
                 motion = self._motion(self._poses(q_trajectory[frame]), row)
-                d = self._signed(row, motion)
+                d = self._apart(row, motion, mesh_distance)
                 contact = contacts.setdefault(row, PairContact(pairs[row]))
                 contact.frames.append(frame)
                 contact.depths.append(float(-d))
@@ -235,13 +236,9 @@ class MeshJudge:
             for b in self._hulls[j]
         )
 
-    def _apart(self, row: int, motion: _Motion) -> float:
+    def _apart(self, row: int, motion: _Motion, distance=distance_apart) -> float:
         i, j = self._indices[row]
-        return distance_apart(self._meshes[i], self._meshes[j], motion.X_AB)
-
-    def _signed(self, row: int, motion: _Motion) -> float:
-        i, j = self._indices[row]
-        return mesh_distance(self._meshes[i], self._meshes[j], motion.X_AB)
+        return distance(self._meshes[i], self._meshes[j], motion.X_AB)
 
 
 class _Motion:

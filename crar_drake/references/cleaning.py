@@ -142,21 +142,22 @@ class Cleaner:
                 f"robot {description.name} has no task_frames {' and '.join(HANDS)} to "
                 "keep; add them to its robot.yaml, or leave out --hands"
             )
-        kept = [Task(frame=frame, kind="pose") for frame in self.feet + self.hands]
-        other = [Task(frame=next(iter(known), "world"))]
+        # Of a robot without any the world is kept, which stays.
+        frames = self.feet + self.hands or ("world",)
+        kept = [Task(frame=frame, kind="pose") for frame in frames]
         p = self.parameters
-        model = ControlModel.FromDescription(description, kept or other)
+        model = ControlModel.FromDescription(description, kept)
         kept_of_pairs = rate, p.floor, p.floor_between, p.velocity_scale
         self.keeper = Keeper(model, *kept_of_pairs)
         self.meshes = self.by_shapes = None
         if uncovered is not None and uncovered.meshes is not None:
             self.meshes = MeshRows(uncovered.meshes, model.joint_names)
             others = replace(description, pairs=uncovered.by_shapes)
-            others = ControlModel.FromDescription(others, other)
+            others = ControlModel.FromDescription(others, kept)
             self.by_shapes = Keeper(others, *kept_of_pairs)
         self.model = model
         bare = replace(description, pairs=[])
-        self._poses = ControlModel.FromDescription(bare, kept) if kept else None
+        self._poses = ControlModel.FromDescription(bare, kept)
         self._rest = self.model.rest_positions()
 
     @property
@@ -231,16 +232,14 @@ class Cleaner:
             num_rows=self.keeper.num_rows,
         )
 
-    def _tasks(self, reference, root_rotations, carries) -> KeptPoses | _Nothing:
+    def _tasks(self, reference, root_rotations, carries) -> KeptPoses:
         p, frames = self.parameters, len(reference)
-        if self._poses is None:
-            return _Nothing()
         hands = len(self.hands)
         if carries is None or p.hands:
             carries = np.full((frames, hands), float(p.hands))
         if root_rotations is None:
             root_rotations = np.tile(np.eye(3), (frames, 1, 1))
-        feet = np.ones((frames, len(self.feet)))
+        feet = np.ones((frames, len(self._poses.tasks) - hands))
         foot = [p.foot_weight, p.foot_weight, p.foot_height_weight]
         hand = (1.0 - carries) * p.hand_weight + carries * p.carrying_weight
         linear = (feet[:, :, None] * foot, np.repeat(hand[:, :, None], 3, axis=2))
@@ -253,17 +252,6 @@ class Cleaner:
             np.concatenate(linear, axis=1),
             np.repeat(np.concatenate(turn, axis=1)[:, :, None], 3, axis=2),
         )
-
-
-class _Nothing:
-    """No tasks besides the joints."""
-
-    step_weights = None
-
-    def at(self, frames: np.ndarray, y: np.ndarray) -> AtFrames:
-        """See `optimiser.Tasks`."""
-        nothing = np.zeros((len(y), 0)), np.zeros((len(y), 0, y.shape[1]))
-        return AtFrames(*nothing, *nothing)
 
 
 class KeptPoses:

@@ -281,8 +281,6 @@ class KeptPoses:
         blocks = range(0, len(reference), _BLOCK)
         found = [self._find(reference[k : k + _BLOCK])[:2] for k in blocks]
         self._R, self._p = map(np.concatenate, zip(*found, strict=True))
-        rows = model.layout
-        self._linear_rows, self._angular_rows = rows.linear_rows, rows.angular_rows
 
     def _find(self, y):
         return find_poses(configurations(self._model, self._rest, y), self._model.robot)
@@ -290,15 +288,15 @@ class KeptPoses:
     def at(self, frames: np.ndarray, y: np.ndarray) -> AtFrames:
         """See `optimiser.Tasks`."""
         R, p, J = self._find(y)
-        J = J[:, :, : y.shape[1]]
+        J, of = J[:, :, : y.shape[1]], self._model.layout
         root = self._root[frames][:, None]
         turned = Rotation.from_matrix(
             (R @ self._R[frames].swapaxes(-1, -2)).reshape(-1, 3, 3)
         ).as_rotvec()
         r, jacobians = [], []
         for error, rows, weight in (
-            (p - self._p[frames], self._linear_rows, self._linear[frames]),
-            (turned.reshape(p.shape), self._angular_rows, self._angular[frames]),
+            (p - self._p[frames], of.linear_rows, self._linear[frames]),
+            (turned.reshape(p.shape), of.angular_rows, self._angular[frames]),
         ):
             by = weight[..., None] * root  # (K, L, 3, 3)
             r.append((by @ error[..., None]).reshape(len(y), -1))

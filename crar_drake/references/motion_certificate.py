@@ -90,7 +90,7 @@ def make_certificate(
             "smaller; on_ways, none on a straight way in joint space to the next frame",
         },
         "mesh_pairs": uncovered.mesh_pairs,
-        "not_covered": uncovered.as_listed(),
+        "not_covered": uncovered.listed,
         "clips": list(clips),
         "parameters": asdict(parameters),
         "options": options,

@@ -42,10 +42,13 @@ class Uncovered:
 
     Attributes:
         description: of the robot.
-        pairs: more than one joint apart, neither watched by their capsules nor covered
-            by their meshes.
-        why_not: why no meshes are looked at; "" if they are.
-        meshes: that are; None if none are.
+        meshes: that are looked at; None if none are.
+        mesh_pairs: pairs of links that are covered by their meshes.
+        by_shapes: watched pairs of which the shapes about their links decide: meshes do
+            not.
+        listed: what is not covered, as a certificate lists it: pairs more than one
+            joint apart, neither watched by their capsules nor covered by their meshes;
+            and why no meshes are looked at.
     """
 
     def __init__(self, robot: WholeBody) -> None:
@@ -56,33 +59,17 @@ class Uncovered:
         Raises:
             ModelError: a mesh cannot be read.
         """
-        self.meshes: ClearanceOfMeshes | None = None
-        self.why_not = why_no_meshes(robot)
-        if self.why_not:
-            pairs = shaped_pairs(robot)
+        self.description, why_not = robot.description, why_no_meshes(robot)
+        self.meshes = None if why_not else ClearanceOfMeshes(robot)
+        if self.meshes is None:
+            pairs, self.mesh_pairs, not_of = shaped_pairs(robot), [], {}
         else:
-            self.meshes = ClearanceOfMeshes(robot)
-            not_of = self.meshes.meshes.not_of
-            pairs = not_of.as_built + not_of.beyond_root
-        self.description = robot.description
-        watched = {frozenset(pair) for pair in self.description.pairs}
-        self.pairs = [pair for pair in pairs if frozenset(pair) not in watched]
-
-    @property
-    def by_shapes(self) -> list[list[str]]:
-        """Watched pairs of which the shapes about their links decide: meshes do not."""
-        meshes = {frozenset(pair) for pair in self.mesh_pairs}
+            of_meshes = self.meshes.meshes
+            pairs = of_meshes.not_of.as_built + of_meshes.not_of.beyond_root
+            self.mesh_pairs, not_of = of_meshes.pairs, asdict(of_meshes.not_of)
         watched = self.description.pairs
-        return [list(pair) for pair in watched if frozenset(pair) not in meshes]
-
-    @property
-    def mesh_pairs(self) -> list[tuple[str, str]]:
-        """Pairs of links that are covered by their meshes."""
-        return [] if self.meshes is None else self.meshes.meshes.pairs
-
-    def as_listed(self) -> dict:
-        """What is not covered, as a certificate lists it."""
-        listed = {"pairs": self.pairs, "meshes": self.why_not or "covered"}
-        if self.meshes is not None:
-            listed |= asdict(self.meshes.meshes.not_of)
-        return listed
+        covered = {frozenset(pair) for pair in self.mesh_pairs}
+        self.by_shapes = [list(x) for x in watched if frozenset(x) not in covered]
+        watched = {frozenset(pair) for pair in watched}
+        pairs = [pair for pair in pairs if frozenset(pair) not in watched]
+        self.listed = {"pairs": pairs, "meshes": why_not or "covered"} | not_of

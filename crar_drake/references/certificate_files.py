@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from crar_drake.errors import CrarError
-from crar_drake.files import check_file, whole_file
+from crar_drake.files import whole_file
 from crar_drake.motion.rates import can_be_rate
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.robot.description import RobotDescription
@@ -30,29 +30,6 @@ def certificate_path(motion: str | os.PathLike[str]) -> Path:
     """Where the certificate of a motion's file is: NAME.certificate.json beside it."""
     path = Path(motion)
     return path.with_name(path.stem + SUFFIX)
-
-
-def check_certificate_place(motion: Path) -> None:
-    """dance.csv and dance.npz in one folder would have one certificate.
-
-    Args:
-        motion: the file that is to be written.
-
-    Raises:
-        WriteError: the certificate's place is a folder, or cannot be written to.
-        CrarError: there is the certificate of another file, which is there as well.
-    """
-    place = certificate_path(motion)
-    check_file(place)
-    try:
-        other = read_certificate(place)["motion"]["file"]
-    except CrarError:
-        return  # none of a motion: it is replaced
-    if other != motion.name and (motion.parent / other).is_file():
-        raise CrarError(
-            f"{motion}: {place.name} beside it is the certificate of {other}; write "
-            "to another name or folder"
-        )
 
 
 def file_hash(path: str | os.PathLike[str]) -> str:

@@ -30,7 +30,6 @@ from crar_drake.references.pipeline import (
     Solved,
     WrittenClip,
     check_place,
-    in_words,
 )
 from crar_drake.references.resampling import retimed
 from crar_drake.references.robot_motion import (
@@ -236,7 +235,7 @@ class FileCleaner(Pipeline):
             "frozen": np.count_nonzero(find_frozen(before, written)),
             "raised": solved.raised,
             "slowed": solved.slowed,
-            "left": in_words(left),
+            "left": "; ".join(map(str, left)),
             "exceeded": self.operation.at_most.exceeded(change),
         }
         return Judged(faults, left, more)

@@ -9,18 +9,18 @@ from __future__ import annotations
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from crar_drake.errors import MotionError
+from crar_drake.errors import CrarError, MotionError
 from crar_drake.files import check_file, whole_set
 from crar_drake.references.certificate_files import (
     certificate_path,
-    check_certificate_place,
+    read_certificate,
     write_certificate,
 )
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
@@ -293,7 +293,7 @@ class Pipeline(ABC):
             meshes_penetrating=-1 if meshes is None else meshes.num_touching,
             meshes_unclear=-1 if meshes is None else meshes.num_unclear,
             deepest=_deepest(kept, self.uncovered.by_shapes),
-            faults=in_words(judged.faults),
+            faults="; ".join(map(str, judged.faults)),
             guessed="; ".join(solved.motion.guesses),
             **judged.more,
         )
@@ -336,18 +336,24 @@ def check_place(out: Path, source: str | os.PathLike[str]) -> None:
 
     Raises:
         WriteError: one of them cannot.
-        CrarError: the certificate would take the place of another file's.
+        CrarError: the certificate would take the place of another file's: dance.csv
+            and dance.npz in one folder would have one.
         MotionError: it is the source itself.
     """
+    place = certificate_path(out)
     check_file(out)
-    check_certificate_place(out)
+    check_file(place)
+    try:
+        other = read_certificate(place)["motion"]["file"]
+    except CrarError:
+        other = out.name  # none of a motion: it is replaced
+    if other != out.name and (out.parent / other).is_file():
+        raise CrarError(
+            f"{out}: {place.name} beside it is the certificate of {other}; write to "
+            "another name or folder"
+        )
     if out.exists() and os.path.exists(source) and os.path.samefile(source, out):
         raise MotionError(f"{out}: is the reference itself; name another file")
-
-
-def in_words(faults: Iterable[Fault]) -> str:
-    """Faults in a sentence; "" of none."""
-    return "; ".join(map(str, faults))
 
 
 def _unclear(margins: Margins) -> np.ndarray:

@@ -139,14 +139,9 @@ class ObstacleJudge:
 
     def places(self) -> np.ndarray:
         """(L, 3) the middles of the links, where they were looked at last [m]."""
-        return np.array(
-            [
-                s.body.EvalPoseInWorld(self._context).multiply(
-                    s.shapes.mean(axis=(0, 1))
-                )
-                for s in self.surfaces
-            ]
-        )
+        middles = [surface.shapes.mean(axis=(0, 1)) for surface in self.surfaces]
+        poses = [s.body.EvalPoseInWorld(self._context) for s in self.surfaces]
+        return np.array([X.multiply(p) for X, p in zip(poses, middles, strict=True)])
 
     def judge(
         self,

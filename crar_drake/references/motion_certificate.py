@@ -432,26 +432,22 @@ def _meshes(found: MeshClearance) -> dict:
     """Of each pair its smallest bounds, rounded down; and where something is not shown:
     the pair's index in mesh_pairs, with the frames, or the frames that ways begin at,
     counted from 0."""
-    least = {
-        "at_frames": found.least_at,
-        # Of a single frame there are no ways.
-        "on_ways": np.minimum(found.least_on, found.least_at),
-    }
-    where = {
-        "touch_at": found.touch_at,
-        "touch_on": found.touch_on,
-        "not_shown": found.not_shown,
-    }
     order = np.argsort(found.near)
+
+    def where(mask: np.ndarray) -> list:
+        some = (k for k in order if mask[k].any())
+        return [[int(found.near[k]), np.flatnonzero(mask[k]).tolist()] for k in some]
+
+    def rounded_down(values: np.ndarray) -> list:
+        return (np.floor(values * 1e9) / 1e9).tolist()
+
     return {
-        key: (np.floor(values * 1e9) / 1e9).tolist() for key, values in least.items()
-    } | {
-        key: [
-            [int(found.near[k]), np.flatnonzero(mask[k]).tolist()]
-            for k in order
-            if mask[k].any()
-        ]
-        for key, mask in where.items()
+        "at_frames": rounded_down(found.least_at),
+        # Of a single frame there are no ways.
+        "on_ways": rounded_down(np.minimum(found.least_on, found.least_at)),
+        "touch_at": where(found.touch_at),
+        "touch_on": where(found.touch_on),
+        "not_shown": where(found.not_shown),
     }
 
 

@@ -101,20 +101,17 @@ def retimed(
 
 
 def _at(motion: RobotMotion, times: np.ndarray) -> RobotMotion:
-    """The motion at some times [s], without what follows from it."""
+    """The motion at some times [s], without what follows from it; quaternions near the
+    one before, the first near the motion's first."""
     turning = QuaternionSpline(motion.times, motion.root_rotations.as_quat())
     R_WR = np.array([turning(time)[0] for time in times])
-    quaternions = Rotation.from_matrix(R_WR).as_quat()[:, [3, 0, 1, 2]]
+    Q = sign_continuous(Rotation.from_matrix(R_WR).as_quat()[:, [3, 0, 1, 2]])
+    if Q[0] @ motion.root_quaternions[0] < 0.0:
+        Q = -Q
     return replace(
         motion,
         root_positions=CubicSpline(motion.times, motion.root_positions)(times),
-        root_quaternions=_signed_as(quaternions, motion.root_quaternions[0]),
+        root_quaternions=Q,
         joint_positions=CubicSpline(motion.times, motion.joint_positions)(times),
         computed={},
     )
-
-
-def _signed_as(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Signs such that none is far from the one before, the first not from `first`."""
-    continuous = sign_continuous(quaternions)
-    return continuous if continuous[0] @ first >= 0.0 else -continuous

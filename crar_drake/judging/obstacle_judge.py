@@ -13,6 +13,7 @@ from pydrake.geometry import Capsule, SceneGraph, Sphere
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
+from crar_drake.errors import plural
 from crar_drake.robot.description import find_body
 
 # What rounding adds to a speed [1].
@@ -92,9 +93,8 @@ class ObstacleFigures:
         """Where it was nearest, and how fast links were that it touched."""
         text = f"{self.link}, at {self.time:.2f} s"
         if self.contact_samples:
-            several = "s" if self.contact_samples > 1 else ""
             text += (
-                f"; touches in {self.contact_samples} sample{several} a link that "
+                f"; touches in {plural(self.contact_samples, 'sample')} a link that "
                 f"moves at up to {1e3 * self.fastest_contact:.0f} mm/s"
             )
         return text

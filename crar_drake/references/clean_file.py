@@ -277,21 +277,10 @@ def set_on_ground(motion: RobotMotion, outline: Outline) -> tuple[RobotMotion, f
     rise = -outline.ground_contact(motion).floor
     if abs(rise) < _ON_THE_GROUND:
         return motion, 0.0
-    up = np.array([0.0, 0.0, rise])
-    return replace(
-        motion,
-        root_positions=motion.root_positions + up,
-        extras={
-            key: _raised(value, up, motion.num_frames)
-            if key.endswith(_IN_WORLD)
-            else value
-            for key, value in motion.extras.items()
-        },
-        computed={},
-    ), rise
-
-
-def _raised(value: object, up: np.ndarray, frames: int) -> object:
-    if not has_rows(value, frames) or value.shape[-1] != 3:
-        return value
-    return (value + up).astype(value.dtype)
+    up, extras = np.array([0.0, 0.0, rise]), dict(motion.extras)
+    for key, value in extras.items():
+        in_world = key.endswith(_IN_WORLD) and has_rows(value, motion.num_frames)
+        if in_world and value.shape[-1] == 3:
+            extras[key] = (value + up).astype(value.dtype)
+    root = motion.root_positions + up
+    return replace(motion, root_positions=root, extras=extras, computed={}), rise

@@ -137,18 +137,15 @@ def _rank(row: PageRow, first: Figure) -> tuple[int, float]:
 def _line(row: PageRow, figures: Sequence[Figure], folder: Path) -> str:
     bad = "" if row.state == "ok" else " bad"
     cells = [f'<td class="t{bad}">{row.state}</td>']
-    clip = "" if row.clip is None else row.clip.clip
-    if row.clip is None:
-        name = _link(row.source, str(row.source.name), folder)
-        cells.append(f'<td class="t">{name}</td>')
-    else:
-        name = os.path.relpath(row.written, folder) + (f" {clip}" if clip else "")
-        links = (
-            _link(row.written, name, folder),
-            _link(row.source, "source", folder),
-            _link(certificate_path(row.written), "certificate", folder),
-        )
-        cells.append(f'<td class="t">{" · ".join(links)}</td>')
+    links = [(row.source, row.source.name)]
+    if row.clip is not None:
+        written = os.path.relpath(row.written, folder)
+        name = f"{written} {row.clip.clip}" if row.clip.clip else written
+        certificate = certificate_path(row.written)
+        links = [(row.written, name), (row.source, "source")]
+        links += [(certificate, "certificate")]
+    linked = " · ".join(_link(file, text, folder) for file, text in links)
+    cells.append(f'<td class="t">{linked}</td>')
     for figure in figures:
         value = math.nan if row.clip is None else figure.value(row.clip)
         kind = ' class="bad"' if figure.bad and value > 0.0 else ""

@@ -46,6 +46,7 @@ class WholeBody:
             first, branches in the order of the model: the order of MuJoCo and of files
             without names.
         breadth_first: (n,) the same joints, breadth first: the order of Isaac Lab.
+        n: number of these joints.
         lower, upper: (n,) position limits [rad or m].
         speed_limits: (n,) largest speeds [rad/s or m/s], infinite where there is none.
     """
@@ -58,6 +59,7 @@ class WholeBody:
         self.description = description
         self._diagram, self.plant, self.scene_graph = robot_diagram(description)
         self._context = self.plant.CreateDefaultContext()
+        self._rest = self.plant.GetPositions(self._context)
         self._children = self._find_children()
         self._root = self._find_root()
         self.root = self._root.name()
@@ -68,17 +70,13 @@ class WholeBody:
                 f"{self.root!r}"
             )
         self.joint_names = tuple(joint.name() for joint in self._joints)
+        self.n = len(self._joints)
         self.breadth_first = self.order_without((), breadth_first=True)
         self._columns = np.array([joint.position_start() for joint in self._joints])
         self._v_columns = np.array([joint.velocity_start() for joint in self._joints])
         self.lower = self.plant.GetPositionLowerLimits()[self._columns]
         self.upper = self.plant.GetPositionUpperLimits()[self._columns]
         self.speed_limits = speed_limits(self.plant, description)[self._v_columns]
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self._joints)
 
     def links_of(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
         """(1 + n,) the root, then the link that each of the joints moves."""
@@ -278,21 +276,16 @@ class WholeBody:
         Raises:
             ModelError: a joint does not turn.
         """
+        axes = []
         for joint in self._joints:
             if not isinstance(joint, RevoluteJoint):
                 raise ModelError(
                     f"robot {self.description.name}: joint {joint.name()!r} does not "
                     "turn about an axis"
                 )
-        axes = []
-        for joint in self._joints:
             X_BM = joint.frame_on_child().GetFixedPoseInBodyFrame()
             axes.append(X_BM.rotation() @ joint.revolute_axis())
         return np.array(axes)
-
-    @cached_property
-    def _rest(self) -> np.ndarray:
-        return self.plant.GetPositions(self.plant.CreateDefaultContext())
 
     def _find_children(self) -> dict[int, list[Joint]]:
         """Each body to the joints that it carries, in the order of the model."""

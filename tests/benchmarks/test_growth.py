@@ -48,7 +48,7 @@ def test_more_arms_and_spheres_ask_for_the_same_change(tmp_path):
         cleaner = Cleaner(description, RATE)
         reference = swinging(cleaner.model.n)
         assert reference.shape == (FRAMES, 7 * arms)
-        assert cleaner.margins(reference).distance.min() < 0.0
+        assert cleaner.keeper.margins(reference).distance.min() < 0.0
         found = cleaner.clean(reference)
         assert not found.violating.any()
         made[arms, spheres] = found.q

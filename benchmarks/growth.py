@@ -94,7 +94,9 @@ def with_frames(robot: str, motion: Path) -> list[str]:
             clips.append(made[0])
             seconds.append(took)
     what = "clean" if cleans else "retarget"
-    frames, changed = zip(*((c.frames, c.changed) for c in clips[1:]), strict=True)
+    frames = [clip.frames for clip in clips[1:]]
+    # A clip that is made of a person's motion has no reference.
+    changed = [clip.changed if cleans else "–" for clip in clips[1:]]
     name = f"{what}, {motion.stem}"
     return _row(name, "frames", frames, frames, changed, seconds[1:])
 
@@ -187,7 +189,7 @@ def _row(
     growing: str,
     sizes: Sequence[int],
     frames: Sequence[int],
-    changed: Sequence[int],
+    changed: Sequence[int | str],
     seconds: Sequence[float],
 ) -> list[str]:
     each = [1e3 * s / t for s, t in zip(seconds, frames, strict=True)]

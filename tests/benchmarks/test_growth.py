@@ -3,6 +3,7 @@
 import numpy as np
 from short_motions import short_amc
 from small_reference_robots import reaching, write_csv, write_robot
+from small_walker import walker
 
 from benchmarks.growth import (
     FRAMES,
@@ -39,6 +40,16 @@ def test_a_longer_reference_has_as_much_to_be_cleaned(tmp_path):
     changed = [int(count) for count in row[4].split(", ")]
     assert changed[0] > 10
     assert np.allclose(np.array(changed) / changed[0], [1, 2, 4, 8], rtol=0.1)
+
+
+def test_a_longer_motion_of_a_person_is_retargeted(tmp_path):
+    robot = tmp_path / "walker"
+    robot.mkdir()
+    walker(robot, knee=0.06)
+    row = with_frames(str(robot), short_amc(tmp_path, "one", 12))
+    frames = [int(count) for count in row[3].split(", ")]
+    assert np.allclose(np.array(frames) / frames[0], [1, 2, 4, 8], rtol=0.3)
+    assert row[:2] == ["retarget, one", "frames"] and row[4] == "–, –, –, –"
 
 
 def test_more_arms_and_spheres_ask_for_the_same_change(tmp_path):

@@ -139,16 +139,30 @@ def place_ways(
     start: np.ndarray, x: np.ndarray, parts: int, r: Robot, balls: Balls
 ) -> tuple[np.ndarray, np.ndarray]:
     """The links where equal parts of a segment begin and end, from `start` by x in
-    joint space, (nv,), (nv,).
-
-    Returns:
-        (parts + 1, P, 3) points of the shapes, as `ShapePairs` wants them; (parts + 1,
-        B, 3) centres of the links' bounding spheres [m].
+    joint space, (nv,), (nv,): (parts + 1, P, 3), (parts + 1, B, 3) of
+    `place_postures`.
     """
     places = np.empty((parts + 1, len(start)))
     for k in range(parts + 1):
         for i in range(len(start)):
-            places[k, r.positions[i]] = start[i] + (k / parts) * x[i]
+            places[k, i] = start[i] + (k / parts) * x[i]
+    return place_postures(places, r, balls)
+
+
+@compiled
+def place_postures(
+    q: np.ndarray, r: Robot, balls: Balls
+) -> tuple[np.ndarray, np.ndarray]:
+    """The links in K postures (K, nv).
+
+    Returns:
+        (K, P, 3) points of the shapes, as `ShapePairs` wants them; (K, B, 3) centres of
+        the links' bounding spheres [m].
+    """
+    places = np.empty(q.shape)
+    for k in range(len(q)):
+        for i in range(q.shape[1]):
+            places[k, r.positions[i]] = q[k, i]
     X = link_poses(places, r.tree.value, r.tree.value.every)
     points = place_points(X, r.selection, r.first)
     return points, place_points(X, balls.centre, balls.first)

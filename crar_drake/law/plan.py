@@ -13,13 +13,16 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.law.approach import SHARE_OF_RANGE, Approach
+from crar_drake.law.capsule_distances import (
+    distance_gradient_about_origin,
+    nearest_points,
+)
 from crar_drake.law.compilation import Held, compiled, hold
 from crar_drake.law.constraints import RobotConstraints
-from crar_drake.law.kinematics import find_state
+from crar_drake.law.kinematics import find_state, joint_motion
 from crar_drake.law.one_sided import one_sided_nearest_in
 from crar_drake.law.parameters import Resolved
-from crar_drake.law.path_balls import Shapes, near_on_way, place_ways
-from crar_drake.law.placed_shapes import distances_at
+from crar_drake.law.path_balls import Shapes, near_on_way, place_postures
 from crar_drake.law.references import (
     Nominal,
     References,
@@ -222,21 +225,26 @@ def pair_rows_ahead(
     r, balls = shapes.robot.value, shapes.balls.value
     pairs = r.pairs.value
     N, n = len(x), r.n
-    still, points = np.zeros(len(balls.radius)), np.zeros((len(r.first), 3))
+    postures = np.concatenate((q + x, q.reshape(1, -1)))
+    points, centres = place_postures(postures, r, balls)
+    S, still = joint_motion(points[:, : 3 * len(q)]), np.zeros(len(balls.radius))
     all_rows, all_least = np.zeros((0, N * n)), np.zeros(0)
     for i in range(N):
         until = preview.times[i] + preview.coasting
-        ends, centres = place_ways(q + x[i], 0.0 * q, 1, r, balls)
-        some, _ = near_on_way(centres, ends, still, _NEAR, pairs, balls)
+        at = centres[i : i + 1], points[i : i + 1]
+        some, _ = near_on_way(*at, still, _NEAR, pairs, balls)
         if not len(some):
             continue
-        d, g = distances_at(points, q + x[i], some, r)
-        now, _ = distances_at(points, q, some, r)
+        d, normal, p, _ = nearest_points(points[i], pairs, some)
+        now, _, _, _ = nearest_points(points[N], pairs, some)
         near = np.flatnonzero(d < _NEAR)
+        g = distance_gradient_about_origin(
+            normal[near], p[near], S[i], pairs.moves[some[near]]
+        )
         rows, least = np.zeros((len(near), N * n)), np.empty(len(near))
         for found in range(len(near)):
             k = near[found]
-            gradient = g[k, :n]
+            gradient = g[found, :n]
             for j in range(i + 1):
                 put(rows[found], j * n, preview.coasted[i, j] * gradient)
             change = (gradient * (x[i, :n] - until * v[:n])).sum()

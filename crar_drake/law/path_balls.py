@@ -153,7 +153,7 @@ def place_ways(
 def place_postures(
     q: np.ndarray, r: Robot, balls: Balls
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The links in K postures (K, nv).
+    """The links in K postures (K, nv), in the equations' order.
 
     Returns:
         (K, P, 3) points of the shapes, as `ShapePairs` wants them; (K, B, 3) centres of

@@ -14,10 +14,8 @@ from crar_drake.law.compilation import Held, compiled
 from crar_drake.law.kinematics import (
     find_state,
     joint_motion,
-    link_poses,
-    place_points,
 )
-from crar_drake.law.path_balls import near_on_way
+from crar_drake.law.path_balls import near_on_way, place_postures
 from crar_drake.law.vectors import put
 from crar_drake.robot.model import ControlModel
 
@@ -61,14 +59,14 @@ def find_near_rows(
     """The fields of `NearRows`; gradients of unknowns of which n joints come last.
 
     Args:
-        q: (S, nq) positions in the plant's order.
+        q: (S, nq) positions in the equations' order.
         enough: (S,) pairs that are as far apart are left out [m].
         room: (Nr,) and those that are so much farther apart than that.
         before: number of unknowns before the joints.
         shapes: holds `Shapes`.
     """
     r, balls = shapes.value.robot.value, shapes.value.balls.value
-    pairs, tree, n, nv = r.pairs.value, r.tree.value, r.n, len(r.order)
+    pairs, n, nv = r.pairs.value, r.n, len(r.order)
     still, most = np.zeros(len(balls.radius)), 0.0
     for of_row in room:
         most = max(most, of_row)
@@ -77,9 +75,7 @@ def find_near_rows(
     d, g = np.empty(size), np.empty((size, before + n))
     used = 0
     for k in range(len(q)):
-        X = link_poses(q[k : k + 1], tree, tree.every)
-        points = place_points(X, r.selection, r.first)
-        centres = place_points(X, balls.centre, balls.first)
+        points, centres = place_postures(q[k : k + 1], r, balls)
         of = centres, points, still, enough[k] + most, pairs, balls
         maybe, _ = near_on_way(*of)
         far, normal, p, _ = nearest_points(points[0], pairs, maybe)

@@ -175,6 +175,7 @@ class Keeper:
         """See `optimiser.Problem`; of unknowns of which the joints come last."""
         asked, first_joint = at.asked, y.shape[1] - self.model.n
         whole = configurations(self.model, self.rest, y[:, first_joint:])
+        whole = np.take(whole, self.model.positions, axis=1)
         rows = NearRows(
             *find_near_rows(whole, asked + look, self.room, first_joint, self._shapes)
         )

@@ -13,8 +13,7 @@ import numpy as np
 
 from crar_drake.law.capsule_distances import nearest_points
 from crar_drake.law.compilation import Held, compiled
-from crar_drake.law.kinematics import link_poses, place_points
-from crar_drake.law.path_balls import MANY, near_on_way, near_segment
+from crar_drake.law.path_balls import MANY, near_on_way, near_segment, place_postures
 from crar_drake.law.path_bounds import LOWEST, path_bounds, reaching, travel
 from crar_drake.robot.model import ControlModel
 from crar_drake.trajectory.distance_rows import configurations
@@ -24,7 +23,7 @@ from crar_drake.trajectory.distance_rows import configurations
 _FIRST_SLACK = 2e-4
 _LARGEST_SLACK = 0.05
 
-# Where a pair is nearer than this, no pair that is farther is the nearest [m].
+# Pairs that are farther apart are looked at only where none is nearer [m].
 _NEAR = 0.05
 
 
@@ -64,10 +63,10 @@ def find_margins(
     pair = np.full(frames, -1)
     if len(model.pairs):
         whole = configurations(model, rest, q)
+        whole = np.take(whole, model.positions, axis=1)
         distance, nearest = nearest_shapes(whole, shapes)
         pair = model.pairs.pair_of_shapes[nearest]
-        ways = np.ascontiguousarray(whole[:, model.positions])
-        between = np.append(bounds_between(ways, distance, shapes), distance[-1])
+        between = np.append(bounds_between(whole, distance, shapes), distance[-1])
     fastest = model.velocity_limits[model.controlled]
     speed = np.zeros(frames)
     speed[:-1] = (np.abs(np.diff(q, axis=0)) * rate / fastest).max(axis=1)
@@ -81,16 +80,14 @@ def nearest_shapes(q: np.ndarray, shapes: Held) -> tuple[np.ndarray, np.ndarray]
     shapes has it.
 
     Args:
-        q: (T, nq) positions in the plant's order.
+        q: (T, nq) positions in the equations' order.
         shapes: holds `Shapes`.
     """
     r, balls = shapes.value.robot.value, shapes.value.balls.value
-    tree, still = r.tree.value, np.zeros(len(balls.radius))
+    still = np.zeros(len(balls.radius))
     least, nearest = np.full(len(q), np.inf), np.zeros(len(q), np.int64)
     for k in range(len(q)):
-        X = link_poses(q[k : k + 1], tree, tree.every)
-        points = place_points(X, r.selection, r.first)
-        centres = place_points(X, balls.centre, balls.first)
+        points, centres = place_postures(q[k : k + 1], r, balls)
         for enough in (_NEAR, np.inf):
             of = centres, points, still, enough, r.pairs.value, balls
             rows, _ = near_on_way(*of)

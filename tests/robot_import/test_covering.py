@@ -42,6 +42,9 @@ def test_every_point_of_the_triangles_is_inside_afterwards():
 
 
 def test_capsules_that_hold_everything_do_not_grow():
-    ball = (FittedCapsule(np.zeros(3), np.zeros(3), 0.1),)
-    fit, most = covered(Fit(ball, 1.0, 1.0, 0.0, 0.0), [box(0.1, 0.1, 0.1)])
-    assert (fit.capsules, most) == (ball, 0.0)
+    ball = FittedCapsule(np.zeros(3), np.zeros(3), 0.1)
+    fit, most = covered(Fit((ball,), 1.0, 1.0, 0.0, 0.0), [box(0.1, 0.1, 0.1)])
+    (capsule,) = fit.capsules
+    for name, value in vars(ball).items():
+        np.testing.assert_array_equal(getattr(capsule, name), value)
+    assert most == 0.0
